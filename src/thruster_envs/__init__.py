@@ -1,0 +1,1 @@
+"""Reinforcement-learning environments for fault-tolerant thruster control of spacecraft."""
