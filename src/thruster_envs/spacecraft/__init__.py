@@ -1,0 +1,29 @@
+"""One description of a spacecraft, and the catalogue: one data file per vehicle.
+
+>>> from thruster_envs.spacecraft import load
+>>> orion = load("orion")
+>>> orion.number_of_thrusters
+12
+"""
+
+from thruster_envs.spacecraft.description import (
+    SLACK_FACTOR,
+    Feed,
+    Sensors,
+    Spacecraft,
+    Thruster,
+    objective_weights,
+)
+from thruster_envs.spacecraft.files import catalogue, load, save
+
+__all__ = [
+    "SLACK_FACTOR",
+    "Feed",
+    "Sensors",
+    "Spacecraft",
+    "Thruster",
+    "catalogue",
+    "load",
+    "objective_weights",
+    "save",
+]

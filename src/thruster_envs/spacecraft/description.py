@@ -1,0 +1,385 @@
+"""What a spacecraft is: mass properties, thrusters, their shared propellant feed, its navigation errors.
+
+Modelled: a rigid body of constant inertia about a fixed centre of mass; thrusters of constant nominal
+thrust with a shortest useful pulse, valve delays, rise and fall times and a firing-to-firing scatter; the
+thrust that simultaneous firings cost each other through a shared feed (Yang 2003, section 2.3: about 6 %
+for each further open thruster); white measurement errors, equal on the three axes. What flies and what the
+flight software believes are two values of this type.
+
+Left out: the motion of the centre of mass as propellant is used, flexible parts, plume impingement,
+reaction wheels, sensor biases. Faults are not a property of the description: they are data of their own, in
+`thruster_envs.faults`.
+
+All lengths, forces and rates are in SI units and in body axes, with the centre of mass as origin.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_envs.configuration import coerce_fields, from_mapping, to_mapping
+
+Vector = tuple[float, float, float]
+
+SLACK_FACTOR = 20.0
+"""How much dearer it is to miss all of an axis's authority than to fire every thruster for the whole period."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thruster:
+    """One on-off thruster, or anything else that pushes along a fixed line.
+
+    Attributes:
+        name: What people call it; unique in its spacecraft.
+        position: Where the thrust acts, from the centre of mass, m.
+        direction: Direction of the *force on the spacecraft*, opposite to the plume; any length but zero is
+            accepted and normalised.
+        thrust: Nominal thrust of this thruster firing alone, N.
+        minimum_pulse: A command shorter than this opens no valve, s.
+        opening_delay: From the command to the valve's opening, s.
+        closing_delay: From the end of the command to the valve's closing, s.
+        rise_time: From zero to full thrust once the valve is open, linear, s.
+        fall_time: From full to zero thrust once the valve is closed, linear, s.
+        scatter: Half-width of the uniform scatter of the thrust from one firing to the next, as a share of
+            `thrust`.
+        specific_impulse: Thrust over weight flow, s; infinite means that firing uses up no mass.
+    """
+
+    name: str
+    position: Vector
+    direction: Vector
+    thrust: float
+    minimum_pulse: float = 0.0
+    opening_delay: float = 0.0
+    closing_delay: float = 0.0
+    rise_time: float = 0.0
+    fall_time: float = 0.0
+    scatter: float = 0.0
+    specific_impulse: float = math.inf
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        who = f"thruster {self.name!r}: "
+        _require(
+            all(map(math.isfinite, self.position)),
+            f"{who}position",
+            self.position,
+            "three finite numbers of m",
+        )
+        length = math.hypot(*self.direction)
+        _require(
+            math.isfinite(length) and length > 0.0,
+            f"{who}direction",
+            self.direction,
+            "a finite vector that is not zero",
+        )
+        if abs(length - 1.0) > 4.0 * np.finfo(np.float64).eps:
+            largest = max(
+                map(abs, self.direction)
+            )  # so that neither tiny nor huge components are lost in the norm
+            scaled = tuple(component / largest for component in self.direction)
+            length = math.hypot(*scaled)
+            object.__setattr__(self, "direction", tuple(component / length for component in scaled))
+        _require(
+            math.isfinite(self.thrust) and self.thrust > 0.0,
+            f"{who}thrust",
+            self.thrust,
+            "a positive number of N",
+        )
+        for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
+            value = getattr(self, name)
+            _require(
+                math.isfinite(value) and value >= 0.0,
+                f"{who}{name}",
+                value,
+                "a finite number of s, zero or more",
+            )
+        _require(
+            0.0 <= self.scatter < 1.0,
+            f"{who}scatter",
+            self.scatter,
+            "a share of the thrust, at least 0 and below 1",
+        )
+        _require(
+            self.specific_impulse > 0.0,
+            f"{who}specific_impulse",
+            self.specific_impulse,
+            "a positive number of s, or inf",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feed:
+    """The propellant feed that all thrusters share.
+
+    Attributes:
+        coupling: Share of its thrust that a thruster loses for each further thruster open at the same moment.
+        propellant_mass: Propellant on board, part of the spacecraft's mass, kg; infinite means that it
+            never runs out.
+    """
+
+    coupling: float = 0.0
+    propellant_mass: float = math.inf
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        _require(
+            0.0 <= self.coupling <= 1.0, "feed: coupling", self.coupling, "a share of the thrust from 0 to 1"
+        )
+        _require(
+            self.propellant_mass >= 0.0,
+            "feed: propellant_mass",
+            self.propellant_mass,
+            "zero or more kg, or inf",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """One standard deviation, per axis, of the white errors of relative navigation.
+
+    Attributes:
+        position: m.
+        velocity: m/s.
+        attitude: rad.
+        rate: rad/s.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    attitude: float = 0.0
+    rate: float = 0.0
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        for name in ("position", "velocity", "attitude", "rate"):
+            value = getattr(self, name)
+            _require(
+                math.isfinite(value) and value >= 0.0,
+                f"sensors: {name}",
+                value,
+                "a finite number, zero or more",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spacecraft:
+    """A spacecraft as the flight software, or the truth, has it.
+
+    Thrusters are numbered from 1 in what people read and type, and from 0 in arrays, in the order given here.
+
+    Attributes:
+        name: What the vehicle is called.
+        mass: With all its propellant, kg.
+        inertia: About the centre of mass, body axes, 3 rows of 3, kg m^2; symmetric and positive definite.
+        thrusters: At least one.
+        feed: The propellant feed that they share.
+        sensors: Errors of the relative navigation.
+        control_period: Time between two commands, s.
+        mean_motion: Of the circular orbit about which it flies, rad/s.
+        provenance: Where values come from: dotted field name to "stated", "reconstructed: why" or
+            "external: what". It takes no part in the hash, and in nothing that is computed.
+
+    Raises:
+        ValueError: A value that no spacecraft can have; one line says which and what would be right.
+    """
+
+    name: str
+    mass: float
+    inertia: tuple[Vector, Vector, Vector]
+    thrusters: tuple[Thruster, ...]
+    feed: Feed = field(default_factory=Feed)
+    sensors: Sensors = field(default_factory=Sensors)
+    control_period: float = 5.0
+    mean_motion: float = 0.0011
+    provenance: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        _require(math.isfinite(self.mass) and self.mass > 0.0, "mass", self.mass, "a positive number of kg")
+        _check_inertia(self.inertia)
+        _require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
+        names: dict[str, int] = {}
+        for number, thruster in enumerate(self.thrusters, start=1):
+            if thruster.name in names:
+                raise ValueError(
+                    f"thrusters {names[thruster.name]} and {number} are both named {thruster.name!r}; "
+                    "a name of its own for each would be right"
+                )
+            names[thruster.name] = number
+        propellant = self.feed.propellant_mass
+        if math.isfinite(propellant):
+            _require(
+                propellant < self.mass,
+                "feed: propellant_mass",
+                propellant,
+                f"less than the mass, {self.mass!r} kg",
+            )
+        elif any(math.isfinite(thruster.specific_impulse) for thruster in self.thrusters):
+            raise ValueError(
+                "feed: propellant_mass is infinite while a thruster has a finite specific_impulse, so that the "
+                "mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, would be right"
+            )
+        period = self.control_period
+        _require(math.isfinite(period) and period > 0.0, "control_period", period, "a positive number of s")
+        _require(
+            math.isfinite(self.mean_motion) and self.mean_motion > 0.0,
+            "mean_motion",
+            self.mean_motion,
+            "a positive number of rad/s",
+        )
+
+    @property
+    def number_of_thrusters(self) -> int:
+        """How many thrusters there are."""
+        return len(self.thrusters)
+
+    def wrenches(self) -> NDArray[np.float64]:
+        """Nominal force and torque of each thruster firing alone.
+
+        Returns:
+            (6, n): rows 0 to 2 the force in N, rows 3 to 5 the torque r x F in N m; body axes.
+        """
+        positions = np.array([thruster.position for thruster in self.thrusters])
+        thrusts = np.array([thruster.thrust for thruster in self.thrusters])
+        forces = np.array([thruster.direction for thruster in self.thrusters]) * thrusts[:, np.newaxis]
+        return np.vstack([forces.T, np.cross(positions, forces).T])
+
+    def effectiveness(self, mass: float | None = None) -> NDArray[np.float64]:
+        """Rate change that each thruster gives per second of firing alone (Yang 2003, Table 10).
+
+        The torque acts on a body at rest: the gyroscopic term is left to the equations of motion.
+
+        Args:
+            mass: Present mass in kg; by default the mass with all propellant.
+
+        Returns:
+            (6, n): rows x, y, z of translation in m/s^2, then of rotation in rad/s^2; body axes.
+
+        Raises:
+            ValueError: A mass that is not positive.
+        """
+        mass = self.mass if mass is None else float(mass)
+        _require(math.isfinite(mass) and mass > 0.0, "mass", mass, "a positive number of kg")
+        wrenches = self.wrenches()
+        return np.vstack([wrenches[:3] / mass, np.linalg.solve(np.array(self.inertia), wrenches[3:])])
+
+    def authority(self, period: float | None = None) -> NDArray[np.float64]:
+        """Largest rate change per axis, over both signs, that one period can give.
+
+        Every thruster that helps on that axis fires for the whole period, whatever it does on the other
+        axes, and without feed coupling.
+
+        Args:
+            period: s; by default the control period.
+
+        Returns:
+            (6,): m/s for the three translations, rad/s for the three rotations; body axes.
+        """
+        period = self.control_period if period is None else float(period)
+        _require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
+        return period * _reach(self.effectiveness())
+
+    def replace(self, **changes: Any) -> Spacecraft:
+        """The same spacecraft with some fields changed.
+
+        Raises:
+            ValueError: An unknown field, or a value that no spacecraft can have.
+        """
+        current = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        return from_mapping(Spacecraft, current | changes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The description as plain dicts, tuples, strings and numbers; `from_dict` reads it back."""
+        return to_mapping(self)
+
+    @classmethod
+    def from_dict(cls, mapping: Mapping[str, Any], where: str = "spacecraft") -> Spacecraft:
+        """Build a spacecraft from a plain mapping of its fields.
+
+        Args:
+            mapping: Such as `to_dict` returns, or a JSON or TOML reader.
+            where: Where the mapping stands, put at the head of every error line.
+
+        Raises:
+            ValueError: One line that says what is wrong, where, and what would be right.
+        """
+        return from_mapping(cls, mapping, where)
+
+
+def objective_weights(
+    effectiveness: ArrayLike, period: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What a second of firing costs, and what a miss costs, in the objective of the mapping problem.
+
+    The objective is `fuel_cost @ on_times + slack_cost @ abs(slack)` (Yang 2003, eqs. 1-3). Here a miss as
+    large as an axis's authority costs `SLACK_FACTOR` times what it costs to fire all thrusters for the
+    whole period. This scales with the vehicle and its units, where the fixed K = 1000 of the source gives
+    up an axis of Orion after a fault.
+
+    Args:
+        effectiveness: (m, n), rate change per second of firing, m/s^2 and rad/s^2.
+        period: s.
+
+    Returns:
+        `fuel_cost` (n,), per s of firing, all ones; `slack_cost` (m,), per m/s and per rad/s. An axis
+        without any authority has the largest weight of the others.
+
+    Raises:
+        ValueError: A matrix that is not two-dimensional, not finite, or zero throughout; a period that is
+            not positive.
+    """
+    matrix = np.asarray(effectiveness, dtype=np.float64)
+    if matrix.ndim != 2 or 0 in matrix.shape:
+        raise ValueError(f"effectiveness has the shape {matrix.shape}; (axes, thrusters) would be right")
+    if not np.all(np.isfinite(matrix)):
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        raise ValueError(
+            f"effectiveness[{row}, {column}] is {matrix[row, column]}; a finite number would be right"
+        )
+    _require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
+    authority = period * _reach(matrix)
+    if not np.any(authority > 0.0):
+        raise ValueError(
+            "effectiveness is zero throughout; at least one thruster with an effect would be right"
+        )
+    number_of_thrusters = matrix.shape[1]
+    smallest = np.min(authority[authority > 0.0])
+    slack_cost = SLACK_FACTOR * number_of_thrusters * period / np.where(authority > 0.0, authority, smallest)
+    return np.ones(number_of_thrusters), slack_cost
+
+
+def _reach(effectiveness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Per row, the larger of the sums of the positive and of the negative entries, as a magnitude."""
+    positive = np.maximum(effectiveness, 0.0).sum(axis=1)
+    negative = np.maximum(-effectiveness, 0.0).sum(axis=1)
+    reach: NDArray[np.float64] = np.maximum(positive, negative)
+    return reach
+
+
+def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
+    matrix = np.array(inertia)
+    _require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
+    if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * float(np.abs(matrix).max())):
+        raise ValueError(
+            f"inertia is {inertia!r}, which is not symmetric; "
+            "the same value across the diagonal would be right"
+        )
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if not smallest > 0.0:
+        raise ValueError(
+            f"inertia is {inertia!r}, which is not positive definite: its smallest principal moment is "
+            f"{smallest:.4g} kg m^2; positive principal moments would be right"
+        )
+
+
+def _require(condition: bool, what: str, value: object, right: str) -> None:
+    if not condition:
+        raise ValueError(f"{what} is {value!r}; {right} would be right")

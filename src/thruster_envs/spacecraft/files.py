@@ -1,0 +1,140 @@
+"""Spacecraft as TOML files: the catalogue that comes with the package, and a user's own.
+
+A file has the fields of `Spacecraft` as its keys, `[feed]`, `[sensors]` and `[provenance]` as tables, and one
+`[[thrusters]]` table for each thruster. What all thrusters share may stand once, in `[thruster_defaults]`;
+a thruster's own value goes before it. A file that is saved and loaded again gives an equal spacecraft, to
+the last bit.
+
+Left out: comments are not kept when a file is loaded and saved; other formats.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from thruster_envs.configuration import suggestion
+from thruster_envs.spacecraft.description import Spacecraft
+
+_TABLES = ("feed", "sensors", "provenance")
+
+
+def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacecraft:
+    """A spacecraft of the catalogue, or a user's own.
+
+    Args:
+        source: A name of the catalogue, the path of a TOML file, a mapping like such a file, or a
+            `Spacecraft`, which is returned as it is.
+
+    Raises:
+        ValueError: No such name or file, or something in it that is wrong: one line says what, where, and
+            what would be right.
+
+    >>> load("orion").mass
+    20.0
+    """
+    if isinstance(source, Spacecraft):
+        return source
+    if isinstance(source, Mapping):
+        return _from_document(source, "spacecraft")
+    if isinstance(source, str) and source in catalogue():
+        file = resources.files(__package__) / "catalogue" / f"{source}.toml"
+        return _from_text(file.read_text(encoding="utf-8"), f"{source}.toml")
+    if not isinstance(source, str | PathLike):
+        raise ValueError(
+            f"{source!r} is no spacecraft; a name, a path, a mapping or a Spacecraft would be right"
+        )
+    path = Path(source)
+    if not path.is_file():
+        names = catalogue()
+        raise ValueError(
+            f"there is no spacecraft {str(source)!r} in the catalogue, and no such file; {_hint(path, names)}"
+        )
+    return _from_text(path.read_text(encoding="utf-8"), str(path))
+
+
+def catalogue() -> tuple[str, ...]:
+    """The names of the spacecraft that come with the package, in alphabetical order.
+
+    >>> "orion" in catalogue()
+    True
+    """
+    folder = resources.files(__package__) / "catalogue"
+    names = (entry.name for entry in folder.iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+
+
+def save(spacecraft: Spacecraft, path: str | PathLike[str]) -> None:
+    """Write a spacecraft to a TOML file that `load` reads back exactly.
+
+    Args:
+        spacecraft: What to write.
+        path: The file; an existing one is replaced.
+    """
+    document = spacecraft.to_dict()
+    thrusters = document.pop("thrusters")
+    tables = {name: document.pop(name) for name in _TABLES}
+    lines = _entries(document)
+    for name, table in tables.items():
+        if table:
+            lines += ["", f"[{name}]", *_entries(table)]
+    for thruster in thrusters:
+        lines += ["", "[[thrusters]]", *_entries(thruster)]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _hint(path: Path, names: tuple[str, ...]) -> str:
+    return (
+        f"a path that exists would be right (the catalogue has {', '.join(names)})"
+        if path.suffix
+        else suggestion(str(path), names)
+    )
+
+
+def _from_text(text: str, where: str) -> Spacecraft:
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{where}: not a TOML file: {error}") from None
+    return _from_document(document, where)
+
+
+def _from_document(document: Mapping[str, Any], where: str) -> Spacecraft:
+    """The spacecraft of a parsed file, with `thruster_defaults` written into every thruster."""
+    fields = dict(document)
+    defaults = fields.pop("thruster_defaults", {})
+    if not isinstance(defaults, Mapping):
+        raise ValueError(f"{where}: thruster_defaults is {defaults!r}; a table would be right")
+    thrusters = fields.get("thrusters")
+    if defaults and isinstance(thrusters, list | tuple):
+        fields["thrusters"] = [
+            {**defaults, **thruster} if isinstance(thruster, Mapping) else thruster for thruster in thrusters
+        ]
+    return Spacecraft.from_dict(fields, where)
+
+
+def _entries(table: Mapping[str, Any]) -> list[str]:
+    return [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
+
+
+def _key(name: str) -> str:
+    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if bare else _string(name)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return repr(float(value))  # the shortest text that reads back as the same number; "inf" is TOML too
+
+
+def _string(text: str) -> str:
+    """A TOML basic string: JSON's escapes, plus the delete character, which JSON leaves as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
