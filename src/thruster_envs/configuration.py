@@ -102,6 +102,26 @@ def coerce_fields(configuration: Any) -> None:
         object.__setattr__(configuration, name, _coerced(hint, value, name))
 
 
+def require(condition: bool, what: str, value: object, right: str) -> None:
+    """Raise one clear line unless `condition` holds.
+
+    Args:
+        condition: Whether the value is right.
+        what: What it is and where it stands.
+        value: The value.
+        right: What would be right.
+
+    Raises:
+        ValueError: "`what` is `value`; `right` would be right".
+
+    >>> require(False, "mass", -1.0, "a positive number of kg")
+    Traceback (most recent call last):
+    ValueError: mass is -1.0; a positive number of kg would be right
+    """
+    if not condition:
+        raise ValueError(f"{what} is {_shown(value)}; {right} would be right")
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """The end of an error line about an unknown name: the nearest known one, or else all of them.
 

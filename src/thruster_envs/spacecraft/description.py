@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.configuration import coerce_fields, from_mapping, to_mapping
+from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
 
 Vector = tuple[float, float, float]
 
 SLACK_FACTOR = 20.0
-"""How much dearer it is to miss all of an axis's authority than to fire every thruster for the whole period."""
+"""How much dearer it is to miss all of an axis's authority than to fire all thrusters for a whole period."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,14 +67,14 @@ class Thruster:
     def __post_init__(self) -> None:
         coerce_fields(self)
         who = f"thruster {self.name!r}: "
-        _require(
+        require(
             all(map(math.isfinite, self.position)),
             f"{who}position",
             self.position,
             "three finite numbers of m",
         )
         length = math.hypot(*self.direction)
-        _require(
+        require(
             math.isfinite(length) and length > 0.0,
             f"{who}direction",
             self.direction,
@@ -87,7 +87,7 @@ class Thruster:
             scaled = tuple(component / largest for component in self.direction)
             length = math.hypot(*scaled)
             object.__setattr__(self, "direction", tuple(component / length for component in scaled))
-        _require(
+        require(
             math.isfinite(self.thrust) and self.thrust > 0.0,
             f"{who}thrust",
             self.thrust,
@@ -95,19 +95,19 @@ class Thruster:
         )
         for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
             value = getattr(self, name)
-            _require(
+            require(
                 math.isfinite(value) and value >= 0.0,
                 f"{who}{name}",
                 value,
                 "a finite number of s, zero or more",
             )
-        _require(
+        require(
             0.0 <= self.scatter < 1.0,
             f"{who}scatter",
             self.scatter,
             "a share of the thrust, at least 0 and below 1",
         )
-        _require(
+        require(
             self.specific_impulse > 0.0,
             f"{who}specific_impulse",
             self.specific_impulse,
@@ -130,10 +130,10 @@ class Feed:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        _require(
+        require(
             0.0 <= self.coupling <= 1.0, "feed: coupling", self.coupling, "a share of the thrust from 0 to 1"
         )
-        _require(
+        require(
             self.propellant_mass >= 0.0,
             "feed: propellant_mass",
             self.propellant_mass,
@@ -161,7 +161,7 @@ class Sensors:
         coerce_fields(self)
         for name in ("position", "velocity", "attitude", "rate"):
             value = getattr(self, name)
-            _require(
+            require(
                 math.isfinite(value) and value >= 0.0,
                 f"sensors: {name}",
                 value,
@@ -203,9 +203,9 @@ class Spacecraft:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        _require(math.isfinite(self.mass) and self.mass > 0.0, "mass", self.mass, "a positive number of kg")
+        require(math.isfinite(self.mass) and self.mass > 0.0, "mass", self.mass, "a positive number of kg")
         _check_inertia(self.inertia)
-        _require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
+        require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
         names: dict[str, int] = {}
         for number, thruster in enumerate(self.thrusters, start=1):
             if thruster.name in names:
@@ -216,7 +216,7 @@ class Spacecraft:
             names[thruster.name] = number
         propellant = self.feed.propellant_mass
         if math.isfinite(propellant):
-            _require(
+            require(
                 propellant < self.mass,
                 "feed: propellant_mass",
                 propellant,
@@ -224,12 +224,13 @@ class Spacecraft:
             )
         elif any(math.isfinite(thruster.specific_impulse) for thruster in self.thrusters):
             raise ValueError(
-                "feed: propellant_mass is infinite while a thruster has a finite specific_impulse, so that the "
-                "mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, would be right"
+                "feed: propellant_mass is infinite while a thruster has a finite specific_impulse, so that "
+                "the mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, "
+                "would be right"
             )
         period = self.control_period
-        _require(math.isfinite(period) and period > 0.0, "control_period", period, "a positive number of s")
-        _require(
+        require(math.isfinite(period) and period > 0.0, "control_period", period, "a positive number of s")
+        require(
             math.isfinite(self.mean_motion) and self.mean_motion > 0.0,
             "mean_motion",
             self.mean_motion,
@@ -267,7 +268,7 @@ class Spacecraft:
             ValueError: A mass that is not positive.
         """
         mass = self.mass if mass is None else float(mass)
-        _require(math.isfinite(mass) and mass > 0.0, "mass", mass, "a positive number of kg")
+        require(math.isfinite(mass) and mass > 0.0, "mass", mass, "a positive number of kg")
         wrenches = self.wrenches()
         return np.vstack([wrenches[:3] / mass, np.linalg.solve(np.array(self.inertia), wrenches[3:])])
 
@@ -284,7 +285,7 @@ class Spacecraft:
             (6,): m/s for the three translations, rad/s for the three rotations; body axes.
         """
         period = self.control_period if period is None else float(period)
-        _require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
+        require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
         return period * _reach(self.effectiveness())
 
     def replace(self, **changes: Any) -> Spacecraft:
@@ -344,7 +345,7 @@ def objective_weights(
         raise ValueError(
             f"effectiveness[{row}, {column}] is {matrix[row, column]}; a finite number would be right"
         )
-    _require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
+    require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
     authority = period * _reach(matrix)
     if not np.any(authority > 0.0):
         raise ValueError(
@@ -366,7 +367,7 @@ def _reach(effectiveness: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
     matrix = np.array(inertia)
-    _require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
+    require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
     if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * float(np.abs(matrix).max())):
         raise ValueError(
             f"inertia is {inertia!r}, which is not symmetric; "
@@ -378,8 +379,3 @@ def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
             f"inertia is {inertia!r}, which is not positive definite: its smallest principal moment is "
             f"{smallest:.4g} kg m^2; positive principal moments would be right"
         )
-
-
-def _require(condition: bool, what: str, value: object, right: str) -> None:
-    if not condition:
-        raise ValueError(f"{what} is {value!r}; {right} would be right")

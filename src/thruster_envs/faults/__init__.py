@@ -1,0 +1,22 @@
+"""Faults as data: what fails, how, how badly, from when, until when, with what profile in time.
+
+>>> from thruster_envs.faults import Fault, FaultDistribution
+>>> Fault(thruster=1, kind="stuck_off", onset=25.0)  # doctest: +ELLIPSIS
+Fault(thruster=1, kind='stuck_off', severity=1.0, onset=25.0, ...)
+"""
+
+from thruster_envs.faults.distribution import FaultDistribution, as_faults
+from thruster_envs.faults.encoding import FAULT_FIELDS, decode, encode
+from thruster_envs.faults.record import FULL_SCALE, KINDS, PROFILES, Fault
+
+__all__ = [
+    "FAULT_FIELDS",
+    "FULL_SCALE",
+    "KINDS",
+    "PROFILES",
+    "Fault",
+    "FaultDistribution",
+    "as_faults",
+    "decode",
+    "encode",
+]

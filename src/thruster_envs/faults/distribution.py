@@ -1,0 +1,277 @@
+"""From what distribution a world draws its faults, and what a user may pass as faults.
+
+With the given probability a world draws a number of faults, uniform over `count`. Each of them draws,
+independently of the others, its craft (uniform), its kind (by weight), its severity, onset, duration,
+profile time and dwell (uniform over their ranges), its profile (uniform over `profiles`; the kind
+`intermittent` has its own), its azimuth (uniform over the circle) and its thruster (uniform over those of
+its craft that have no fault yet). The draws themselves are made by the environments, from each world's own
+stream.
+
+Left out: dependence between faults, onsets that depend on how much a thruster has fired.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_envs.configuration import coerce_fields, from_mapping, require
+from thruster_envs.faults.record import (
+    KINDS,
+    PROFILES,
+    Fault,
+    check_kind,
+    check_profile,
+    check_severity,
+)
+
+Range = tuple[float, float]
+
+DEFAULT_SEVERITY: dict[str, Range] = {
+    "stuck_off": (1.0, 1.0),
+    "stuck_on": (1.0, 1.0),
+    "loss": (0.3, 0.9),
+    "leak": (0.1, 0.5),
+    "misalignment": (0.1, 0.5),
+    "late_opening": (0.5, 2.0),
+    "intermittent": (1.0, 1.0),
+}
+"""Range of the severity of each kind unless the distribution has another: shares, rad, s."""
+
+# Layout of `FaultDistribution.encode()`. A range is held as its lower end and its width, so that a draw is
+# `low + uniform * width`, which is right for an infinite `low` too.
+PROBABILITY = 0
+COUNT_LOW = 1
+COUNT_WIDTH = 2  # a whole number: the count is `low + floor(uniform * (width + 1))`
+ONSET_LOW = 3
+ONSET_WIDTH = 4
+ONSET_GRID = 5  # 0: none
+DURATION_LOW = 6
+DURATION_WIDTH = 7
+PROFILE_TIME_LOW = 8
+PROFILE_TIME_WIDTH = 9
+DWELL_LOW = 10
+DWELL_WIDTH = 11
+KIND_CUMULATIVE = 12  # one per kind: the kind is the first one whose entry is above `uniform`
+SEVERITY_LOW = KIND_CUMULATIVE + len(KINDS)  # one per kind
+SEVERITY_WIDTH = SEVERITY_LOW + len(KINDS)  # one per kind
+PROFILE_CUMULATIVE = SEVERITY_WIDTH + len(KINDS)  # one per profile, as for the kinds
+NUMBER_OF_CHOICES = PROFILE_CUMULATIVE + len(PROFILES)  # how many thrusters may fail; 0: all
+FIRST_CHOICE = NUMBER_OF_CHOICES + 1  # their indices, from 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultDistribution:
+    """What faults a world may draw at a reset.
+
+    Attributes:
+        probability: That a world draws any.
+        kinds: The kinds that occur, equally likely, or kind to weight.
+        count: Fewest and most faults of a world that draws any.
+        onset: Range, s.
+        duration: Range, s; both ends are infinite when faults stay.
+        severity: Kind to range, in the unit of the kind; the kinds that are not named keep
+            `DEFAULT_SEVERITY`.
+        profiles: The profiles that occur, equally likely. The kind `intermittent` always has its own.
+        profile_time: Range, s.
+        dwell: Range of the share of each period during which an intermittent profile is on.
+        thrusters: Numbers, from 1, of the thrusters that may fail; None for all.
+        onset_grid: Onsets are rounded down to multiples of this, s; 0 leaves them as they are drawn.
+
+    Raises:
+        ValueError: A value that no distribution can have; one line says which and what would be right.
+    """
+
+    probability: float = 0.5
+    kinds: tuple[str, ...] | Mapping[str, float] = field(default=KINDS, hash=False)
+    count: tuple[int, int] = (1, 1)
+    onset: Range = (0.0, 0.0)
+    duration: Range = (math.inf, math.inf)
+    severity: Mapping[str, Range] = field(default_factory=dict, hash=False)
+    profiles: tuple[str, ...] = ("step",)
+    profile_time: Range = (10.0, 60.0)
+    dwell: Range = (0.5, 0.5)
+    thrusters: tuple[int, ...] | None = None
+    onset_grid: float = 0.0
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        require(0.0 <= self.probability <= 1.0, "probability", self.probability, "a number from 0 to 1")
+        self._check_kinds()
+        self._check_severity()
+        require(1 <= self.count[0] <= self.count[1], "count", self.count, "a range of numbers from 1")
+        _check_range("onset", self.onset, low=0.0)
+        _check_range("profile_time", self.profile_time, low=0.0)
+        _check_range("dwell", self.dwell, low=0.0, high=1.0)
+        require(self.dwell[0] > 0.0, "dwell", self.dwell, "a range above 0")
+        if self.duration != (math.inf, math.inf):
+            _check_range("duration", self.duration, low=0.0)
+            require(self.duration[0] > 0.0, "duration", self.duration, "a range above 0 s")
+        require(len(self.profiles) > 0, "profiles", self.profiles, "at least one profile")
+        for profile in self.profiles:
+            check_profile(profile)
+        if self.profiles != ("step",) or "intermittent" in self.kind_weights():
+            require(self.profile_time[0] > 0.0, "profile_time", self.profile_time, "a range above 0 s")
+        if self.thrusters is not None:
+            choices = self.thrusters
+            require(
+                len(choices) > 0 and min(choices) >= 1,
+                "thrusters",
+                choices,
+                "a list of numbers from 1, or None,",
+            )
+            require(len(set(choices)) == len(choices), "thrusters", choices, "each number once")
+        grid = self.onset_grid
+        require(math.isfinite(grid) and grid >= 0.0, "onset_grid", grid, "a finite number of s, zero or more")
+
+    def kind_weights(self) -> dict[str, float]:
+        """The kinds that occur and their weights."""
+        if isinstance(self.kinds, Mapping):
+            return {kind: weight for kind, weight in self.kinds.items() if weight > 0.0}
+        return dict.fromkeys(self.kinds, 1.0)
+
+    def encode(self, number_of_thrusters: int | None = None, number_of_craft: int = 1) -> NDArray[np.float64]:
+        """The distribution as a flat table, which a compiled kernel draws from.
+
+        Args:
+            number_of_thrusters: Of each craft; when given, what may fail is checked against it.
+            number_of_craft: In the world.
+
+        Returns:
+            (FIRST_CHOICE + k,): laid out by the index constants of this module; k is the number of
+            thrusters listed.
+
+        Raises:
+            ValueError: A thruster that does not exist, or more faults than thrusters that may fail.
+        """
+        choices = self.thrusters or ()
+        if number_of_thrusters is not None:
+            for thruster in choices:
+                require(
+                    thruster <= number_of_thrusters,
+                    "thrusters: one of them",
+                    thruster,
+                    f"a number from 1 to {number_of_thrusters}",
+                )
+            most = number_of_craft * (len(choices) or number_of_thrusters)
+            require(
+                self.count[1] <= most, "count", self.count, f"at most {most}, the thrusters that may fail,"
+            )
+        table = np.zeros(FIRST_CHOICE + len(choices))
+        table[PROBABILITY] = self.probability
+        table[ONSET_GRID] = self.onset_grid
+        for index, values in (
+            (COUNT_LOW, self.count),
+            (ONSET_LOW, self.onset),
+            (DURATION_LOW, self.duration),
+            (PROFILE_TIME_LOW, self.profile_time),
+            (DWELL_LOW, self.dwell),
+        ):
+            table[index], table[index + 1] = values[0], _width(values)
+        weights = self.kind_weights()
+        for index, kind in enumerate(KINDS):
+            table[SEVERITY_LOW + index] = self.severity[kind][0]
+            table[SEVERITY_WIDTH + index] = _width(self.severity[kind])
+        table[KIND_CUMULATIVE:SEVERITY_LOW] = _cumulative([weights.get(kind, 0.0) for kind in KINDS])
+        table[PROFILE_CUMULATIVE:NUMBER_OF_CHOICES] = _cumulative(
+            [float(self.profiles.count(profile)) for profile in PROFILES]
+        )
+        table[NUMBER_OF_CHOICES] = len(choices)
+        table[FIRST_CHOICE:] = np.array(choices, dtype=np.float64) - 1.0
+        return table
+
+    def _check_kinds(self) -> None:
+        for kind in self.kinds:
+            check_kind(kind)
+        if isinstance(self.kinds, Mapping):
+            for kind, weight in self.kinds.items():
+                require(
+                    math.isfinite(weight) and weight >= 0.0,
+                    f"weight of the kind {kind!r}",
+                    weight,
+                    "a finite number, zero or more",
+                )
+        else:
+            require(len(set(self.kinds)) == len(self.kinds), "kinds", self.kinds, "each kind once")
+        require(len(self.kind_weights()) > 0, "kinds", self.kinds, "at least one kind with a weight above 0")
+
+    def _check_severity(self) -> None:
+        for kind, values in self.severity.items():
+            check_kind(kind)
+            for end in values:
+                check_severity(kind, end)
+            _check_range(f"severity of {kind!r}", values, low=0.0)
+        object.__setattr__(self, "severity", DEFAULT_SEVERITY | dict(self.severity))
+
+
+def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
+    """What a user passes as faults, as what the environments work with.
+
+    Args:
+        argument: None for no faults; a `Fault`, a `FaultDistribution`, or a plain mapping of the fields of
+            either; or a sequence of faults and mappings of faults.
+
+    Raises:
+        ValueError: Anything else, or a value that no fault can have; one line says which and where.
+
+    >>> as_faults({"thruster": 1, "kind": "stuck_off"}) == (Fault(1, "stuck_off"),)
+    True
+    >>> as_faults({"probability": 0.9}).probability
+    0.9
+    """
+    if isinstance(argument, FaultDistribution):
+        return argument
+    if argument is None:
+        return ()
+    if isinstance(argument, Mapping) and not _KEYS_OF_A_FAULT & argument.keys():
+        if not _KEYS_OF_A_DISTRIBUTION & argument.keys():
+            raise ValueError(
+                f"faults is {argument!r}; a mapping with 'thruster' and 'kind', or one with 'probability', "
+                "would be right"
+            )
+        return from_mapping(FaultDistribution, argument, "faults")
+    if isinstance(argument, Fault | Mapping):
+        return (_as_fault(argument, "faults"),)
+    if isinstance(argument, Sequence) and not isinstance(argument, str | bytes):
+        return tuple(
+            _as_fault(one, f"faults, entry {number}") for number, one in enumerate(argument, start=1)
+        )
+    raise ValueError(
+        f"faults is {argument!r}; a Fault, a FaultDistribution, a mapping of either's fields, "
+        "a list of faults or None would be right"
+    )
+
+
+_KEYS_OF_A_FAULT = frozenset({"thruster", "kind"})
+_KEYS_OF_A_DISTRIBUTION = frozenset(one.name for one in dataclasses.fields(FaultDistribution))
+
+
+def _as_fault(value: Any, where: str) -> Fault:
+    if isinstance(value, FaultDistribution):
+        raise ValueError(
+            f"{where} is a FaultDistribution; a Fault, or the distribution by itself, would be right"
+        )
+    return from_mapping(Fault, value, where)
+
+
+def _check_range(name: str, values: Range, low: float, high: float = math.inf) -> None:
+    right = f"a finite range within {low:g} to {high:g}, lower end first,"
+    require(low <= values[0] <= values[1] <= high and math.isfinite(values[1]), name, values, right)
+
+
+def _width(values: tuple[float, float]) -> float:
+    return 0.0 if values[0] == values[1] else values[1] - values[0]
+
+
+def _cumulative(weights: Sequence[float]) -> NDArray[np.float64]:
+    """Cumulative shares; exactly one from the last positive weight on, so that no draw falls behind it."""
+    sums = np.cumsum(np.asarray(weights, dtype=np.float64))
+    shares: NDArray[np.float64] = sums / sums[-1]
+    shares[np.flatnonzero(np.asarray(weights) > 0.0)[-1] :] = 1.0
+    return shares

@@ -1,0 +1,141 @@
+"""One fault of one thruster.
+
+The kinds are those of Yang 2003 (section 4.2: full off, partial, full on, drift) and four that the source
+lacks: leak, misalignment, late opening, intermittent. A fault is active from `onset` until `onset +
+duration`; while it is, its severity follows its profile in time.
+
+Left out: faults of sensors, of the propellant feed and of the spacecraft's mass properties.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Literal, get_args
+
+from thruster_envs.configuration import coerce_fields, require, suggestion
+
+Kind = Literal["stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent"]
+Profile = Literal["step", "ramp", "sine", "intermittent"]
+
+KINDS: tuple[str, ...] = get_args(Kind)
+"""The kinds of fault, in the order of their codes; the first has code 1, since 0 marks an empty slot."""
+
+PROFILES: tuple[str, ...] = get_args(Profile)
+"""The profiles in time, in the order of their codes; the first has code 0."""
+
+FULL_SCALE: dict[str, float] = dict.fromkeys(KINDS, 1.0) | {
+    "misalignment": math.pi / 2,
+    "late_opening": 5.0,
+}
+"""Per kind, the severity that counts as one where severities are shown on a common scale: shares, rad, s."""
+
+DEFAULT_INTERMITTENT_PERIOD = 20.0
+"""Period of an intermittent fault whose `profile_time` is not given, s."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What fails, how, how badly, from when, until when, with what profile in time.
+
+    Attributes:
+        thruster: Its number, from 1.
+        kind: What goes wrong; `severity` says how badly:
+
+            - `stuck_off`: the valve does not open: share of the flow lost (1 = dead).
+            - `stuck_on`: the valve's opening whatever is commanded (1 = fully open).
+            - `loss`: share of the thrust lost while the flow goes on.
+            - `leak`: opening of the closed valve.
+            - `misalignment`: angle in rad, up to pi/2, by which the thrust tilts towards `azimuth`.
+            - `late_opening`: further opening delay in s.
+            - `intermittent`: as `stuck_off`, coming and going; its profile is always `intermittent`.
+        severity: As the kind has it; shares lie in 0..1.
+        onset: When it begins, s from the start of the episode.
+        duration: How long it lasts, s; after that the thruster is sound again.
+        profile: How the severity goes with the time since onset:
+
+            - `step`: at once.
+            - `ramp`: linearly from zero over `profile_time`, then constant.
+            - `sine`: `severity * (1 - cos(2 pi t / profile_time)) / 2`.
+            - `intermittent`: a square wave of period `profile_time`, on during the first `dwell` of each.
+        profile_time: Length of the ramp, or period of the wave, s. For the kind `intermittent` 0 means 20 s.
+        dwell: Share of each period during which an `intermittent` profile is on.
+        azimuth: Direction of a misalignment about the nominal thrust, rad.
+        craft: Number of the spacecraft that has the fault, from 1.
+
+    Raises:
+        ValueError: A value that no fault can have; one line says which and what would be right.
+    """
+
+    thruster: int
+    kind: str
+    _: KW_ONLY
+    severity: float = 1.0
+    onset: float = 0.0
+    duration: float = math.inf
+    profile: str = "step"
+    profile_time: float = 0.0
+    dwell: float = 0.5
+    azimuth: float = 0.0
+    craft: int = 1
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        require(self.thruster >= 1, "thruster", self.thruster, "a number from 1")
+        require(self.craft >= 1, "craft", self.craft, "a number from 1")
+        check_kind(self.kind)
+        check_profile(self.profile)
+        if self.kind == "intermittent":
+            if self.profile == "step":
+                object.__setattr__(self, "profile", "intermittent")
+            require(
+                self.profile == "intermittent", "profile", self.profile, "'intermittent', as the kind is,"
+            )
+            if self.profile_time == 0.0:
+                object.__setattr__(self, "profile_time", DEFAULT_INTERMITTENT_PERIOD)
+        check_severity(self.kind, self.severity)
+        require(
+            math.isfinite(self.onset) and self.onset >= 0.0,
+            "onset",
+            self.onset,
+            "a finite number of s, zero or more",
+        )
+        require(self.duration > 0.0, "duration", self.duration, "a positive number of s, or inf")
+        require(
+            math.isfinite(self.profile_time) and self.profile_time >= 0.0,
+            "profile_time",
+            self.profile_time,
+            "a finite number of s, zero or more",
+        )
+        if self.profile != "step":
+            require(
+                self.profile_time > 0.0,
+                f"profile_time of a {self.profile!r} profile",
+                self.profile_time,
+                "a positive number of s",
+            )
+        require(0.0 < self.dwell <= 1.0, "dwell", self.dwell, "a share above 0 and up to 1")
+        require(math.isfinite(self.azimuth), "azimuth", self.azimuth, "a finite number of rad")
+
+
+def check_kind(kind: str) -> None:
+    """Raise a `ValueError` that names the nearest kind unless `kind` is one."""
+    if kind not in KINDS:
+        raise ValueError(f"kind {kind!r} is unknown; {suggestion(kind, KINDS)}")
+
+
+def check_profile(profile: str) -> None:
+    """Raise a `ValueError` that names the nearest profile unless `profile` is one."""
+    if profile not in PROFILES:
+        raise ValueError(f"profile {profile!r} is unknown; {suggestion(profile, PROFILES)}")
+
+
+def check_severity(kind: str, severity: float) -> None:
+    """Raise a `ValueError` unless a fault of this kind can be that severe."""
+    if kind == "misalignment":
+        right, largest = "an angle from 0 to pi/2 rad", math.pi / 2
+    elif kind == "late_opening":
+        right, largest = "a finite number of s, zero or more", math.nextafter(math.inf, 0.0)
+    else:
+        right, largest = "a share from 0 to 1", 1.0
+    require(0.0 <= severity <= largest, f"severity of a {kind!r} fault", severity, right)
