@@ -1,0 +1,17 @@
+"""Checkers for environments, yours as well as those of this package.
+
+`check_vector_env` checks a native Gymnasium `VectorEnv`, `check_parallel_env` and `check_parallel_env_seed` a
+PettingZoo `ParallelEnv`. They need NumPy and Gymnasium only (PettingZoo where an environment is named by its
+id).
+"""
+
+from thruster_envs.testing.report import CheckFailed, CheckResult, Report
+from thruster_envs.testing.vector.checker import VECTOR_CHECK_NAMES, check_vector_env
+
+__all__ = [
+    "VECTOR_CHECK_NAMES",
+    "CheckFailed",
+    "CheckResult",
+    "Report",
+    "check_vector_env",
+]
