@@ -1,0 +1,101 @@
+"""The compiled draw of a world's faults from an encoded :class:`~thruster_envs.faults.FaultDistribution`.
+
+Every draw comes from the stream of its own world (purpose ``FAULTS``), so that the faults of an episode are a function of the world's
+seed and of the number of the episode.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thruster_envs.faults import distribution as table
+from thruster_envs.faults import encoding as code
+from thruster_envs.random import FAULTS, philox, uniform_pair
+
+_KINDS = table.SEVERITY_LOW - table.KIND_CUMULATIVE
+_PROFILES = table.NUMBER_OF_CHOICES - table.PROFILE_CUMULATIVE
+
+
+@njit
+def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
+    """Fill the slots of one world, ``rows`` (craft, slots, >= 9), with zeros and then with what the distribution draws."""
+    rows[:] = 0.0
+    uniform = np.empty(16)
+    _uniforms(uniform, 0, episode, key_low, key_high)
+    if uniform[0] >= distribution[table.PROBABILITY]:
+        return
+    count = int(
+        distribution[table.COUNT_LOW] + math.floor(uniform[1] * (distribution[table.COUNT_WIDTH] + 1.0))
+    )
+    used = np.zeros(rows.shape[0], np.int64)
+    for number in range(count):
+        _uniforms(uniform, number + 1, episode, key_low, key_high)
+        craft = int(uniform[0] * rows.shape[0])
+        thruster = _thruster(rows, distribution, thrusters, craft, used[craft], uniform[1])
+        if thruster < 0 or used[craft] == rows.shape[1]:
+            continue
+        row = rows[craft, used[craft]]
+        used[craft] += 1
+        kind = _choice(distribution, table.KIND_CUMULATIVE, _KINDS, uniform[2])
+        onset = distribution[table.ONSET_LOW] + uniform[3] * distribution[table.ONSET_WIDTH]
+        grid = distribution[table.ONSET_GRID]
+        onset = math.floor(onset / grid) * grid if grid > 0.0 else onset
+        row[code.FIELD_KIND] = kind + 1.0
+        row[code.FIELD_THRUSTER] = thruster
+        row[code.FIELD_SEVERITY] = (
+            distribution[table.SEVERITY_LOW + kind] + uniform[4] * distribution[table.SEVERITY_WIDTH + kind]
+        )
+        row[code.FIELD_ONSET] = onset
+        row[code.FIELD_END] = (
+            onset + distribution[table.DURATION_LOW] + uniform[5] * distribution[table.DURATION_WIDTH]
+        )
+        profile = _choice(distribution, table.PROFILE_CUMULATIVE, _PROFILES, uniform[6])
+        row[code.FIELD_PROFILE] = code.SQUARE if kind + 1 == code.INTERMITTENT else profile
+        row[code.FIELD_PROFILE_TIME] = (
+            distribution[table.PROFILE_TIME_LOW] + uniform[7] * distribution[table.PROFILE_TIME_WIDTH]
+        )
+        row[code.FIELD_DWELL] = distribution[table.DWELL_LOW] + uniform[8] * distribution[table.DWELL_WIDTH]
+        row[code.FIELD_AZIMUTH] = 2.0 * math.pi * uniform[9]
+
+
+@njit
+def _uniforms(uniform, number, episode, key_low, key_high):
+    """Sixteen uniform numbers: those of fault ``number`` of the world (0: whether, and how many)."""
+    for block in range(2):
+        words = philox(
+            np.uint64(2 * number + block),
+            np.uint64(0),
+            np.uint64(episode),
+            np.uint64(FAULTS << 32),
+            key_low,
+            key_high,
+        )
+        for k in range(4):
+            uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+
+
+@njit
+def _choice(distribution, first, length, uniform):
+    """Index of the first cumulative share above the uniform number."""
+    for k in range(length):
+        if uniform < distribution[first + k]:
+            return k
+    return length - 1
+
+
+@njit
+def _thruster(rows, distribution, thrusters, craft, used, uniform):
+    """Index of a thruster of the craft that may fail and has no fault yet, all equally likely; -1 if there is none."""
+    listed = int(distribution[table.NUMBER_OF_CHOICES])
+    candidates = np.empty(thrusters, np.int64)
+    free = 0
+    for k in range(listed if listed > 0 else thrusters):
+        thruster = int(distribution[table.FIRST_CHOICE + k]) if listed > 0 else k
+        taken = False
+        for slot in range(used):
+            taken |= rows[craft, slot, code.FIELD_THRUSTER] == thruster
+        if not taken:
+            candidates[free] = thruster
+            free += 1
+    return candidates[int(uniform * free)] if free > 0 else -1

@@ -1,0 +1,150 @@
+"""Thruster firing within one control period: valves, faults and the shared feed, as a body wrench that is known exactly at every moment.
+
+Models, per thruster: a minimum pulse, opening and closing delays, linear rise and fall of the flow, uniform firing-to-firing scatter, the
+faults of :mod:`thruster_envs.faults`; and one propellant feed shared by all, through which every open thruster takes a share of the thrust
+of the others, in proportion to how far it is open (Yang 2003, section 2.4: 6 % on Orion). The period is cut at every corner of every valve
+level and of every fault; inside a piece all levels are linear in time.
+
+Leaves out plume impingement, pulse-to-pulse memory (thermal or hydraulic), water hammer, and depletion inside a period (a craft whose
+propellant is used up at the start of a period does not fire in it).
+
+The helpers here work on one block of craft at a time: arrays of shape (rows, lanes), lanes innermost, plain arithmetic across lanes so that
+the loops vectorise; what is rare (a fault) is done lane by lane.
+"""
+
+import math
+
+from numba import njit
+
+from thruster_envs.faults import encoding as code
+
+#: Corners that one thruster's level can have in a period when its valve has delays or ramps, and without them; corners of one fault.
+CORNERS_WITH_DYNAMICS, CORNERS, FAULT_CORNERS = 7, 1, 5
+
+
+@njit(forceinline=True)
+def sort_rows(rows, comparators):
+    """Sort every lane of ``rows`` (k, lanes) upwards by a fixed network of ``comparators`` (p, 2)."""
+    for p in range(comparators.shape[0]):
+        i, j = comparators[p, 0], comparators[p, 1]
+        for w in range(rows.shape[1]):
+            a, b = rows[i, w], rows[j, w]
+            rows[i, w] = a if a < b else b
+            rows[j, w] = b if a < b else a
+
+
+@njit(forceinline=True)
+def saturating_ramp(level, slope, duration):
+    """Level after ``duration`` seconds at ``slope`` per second, kept in 0..1."""
+    end = level + slope * duration
+    end = end if end < 1.0 else 1.0
+    return end if end > 0.0 else 0.0
+
+
+@njit(forceinline=True)
+def valve_level(t, start_level, tail, opening, closing, rise, fall):
+    """Opening of a valve at time ``t`` of the period: open until ``tail``, shut until ``opening``, open until ``closing``, then shut."""
+    first = t if t < tail else tail
+    level = saturating_ramp(start_level, rise, first)
+    shut = (t if t < opening else opening) - first
+    level = saturating_ramp(level, -fall, shut if shut > 0.0 else 0.0)
+    open_again = (t if t < closing else closing) - opening
+    level = saturating_ramp(level, rise, open_again if open_again > 0.0 else 0.0)
+    last = t - (closing if closing > opening else first)
+    return saturating_ramp(level, -fall, last) if (closing > opening) & (t > closing) else level
+
+
+@njit
+def valve_corners(row, corners, w, start_level, tail, opening, closing, rise, fall, period):
+    """Write the times at which a valve's level has a corner into seven rows of ``corners``; those that do not occur become ``period``."""
+    at_tail = saturating_ramp(start_level, rise, tail)
+    at_opening = saturating_ramp(at_tail, -fall, opening - tail if opening > tail else 0.0)
+    at_closing = saturating_ramp(at_opening, rise, closing - opening if closing > opening else 0.0)
+    corners[row, w] = tail
+    corners[row + 1, w] = (1.0 - start_level) / rise if tail > 0.0 else period
+    corners[row + 2, w] = tail + at_tail / fall
+    corners[row + 3, w] = opening
+    corners[row + 4, w] = opening + (1.0 - at_opening) / rise if closing > opening else period
+    corners[row + 5, w] = closing
+    corners[row + 6, w] = closing + at_closing / fall if closing > opening else period
+    for k in range(row, row + 7):
+        corners[k, w] = min(max(corners[k, w], 0.0), period)
+
+
+@njit
+def severity(fault, t):
+    """Severity of an active fault at time ``t`` of the episode, in the unit of its kind; 0 in the pauses of an intermittent profile."""
+    since = t - fault[code.FIELD_ONSET]
+    profile = fault[code.FIELD_PROFILE]
+    if profile == code.RAMP:
+        return fault[code.FIELD_SEVERITY] * min(1.0, since / fault[code.FIELD_PROFILE_TIME])
+    if profile == code.SINE:
+        return fault[code.FIELD_SEVERITY] * 0.5 * (1.0 - math.cos(_turns(fault, since)))
+    if profile == code.SQUARE:
+        cycles = since / fault[code.FIELD_PROFILE_TIME]
+        return fault[code.FIELD_SEVERITY] if cycles - math.floor(cycles) < fault[code.FIELD_DWELL] else 0.0
+    return fault[code.FIELD_SEVERITY]
+
+
+@njit
+def severity_nodes(fault, start, end):
+    """Severity at the start, middle and end of a piece of time without corners; for a sine the middle makes Simpson's mean exact."""
+    middle = 0.5 * (start + end)
+    if fault[code.FIELD_PROFILE] == code.SQUARE or fault[code.FIELD_PROFILE] == code.STEP:
+        s = severity(fault, middle)
+        return s, s, s
+    first, last = severity(fault, start), severity(fault, end)
+    if fault[code.FIELD_PROFILE] == code.RAMP:
+        return first, severity(fault, middle), last
+    half = 0.5 * _turns(fault, end - start)
+    sinc = math.sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0
+    mean = 0.5 * (1.0 - math.cos(_turns(fault, middle - fault[code.FIELD_ONSET])) * sinc)
+    return first, (6.0 * fault[code.FIELD_SEVERITY] * mean - first - last) / 4.0, last
+
+
+@njit
+def _turns(fault, time):
+    return 2.0 * math.pi * time / fault[code.FIELD_PROFILE_TIME]
+
+
+@njit
+def is_active(fault, t):
+    """Whether a fault slot is in use and ``t`` (s of the episode) lies between its onset and its end."""
+    return fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= t < fault[code.FIELD_END]
+
+
+@njit
+def fault_corners(fault, start, period, corners, row, w):
+    """Write the moments inside the period at which a fault begins, ends or has a kink into four rows of ``corners``."""
+    for k in range(4):
+        corners[row + k, w] = period
+    if fault[code.FIELD_KIND] == 0.0:
+        return
+    onset = fault[code.FIELD_ONSET] - start
+    corners[row, w] = onset
+    corners[row + 1, w] = fault[code.FIELD_END] - start
+    length = fault[code.FIELD_PROFILE_TIME]
+    if fault[code.FIELD_PROFILE] == code.RAMP:
+        corners[row + 2, w] = onset + length
+    elif fault[code.FIELD_PROFILE] == code.SQUARE:
+        cycle = max(0.0, math.floor(-onset / length))
+        next_on = onset + cycle * length
+        next_off = next_on + fault[code.FIELD_DWELL] * length
+        corners[row + 2, w] = next_on if next_on > 0.0 else next_on + length
+        corners[row + 3, w] = next_off if next_off > 0.0 else next_off + length
+    for k in range(4):
+        corners[row + k, w] = min(max(corners[row + k, w], 0.0), period)
+
+
+@njit
+def apply_fault(kind, s, level, gain):
+    """Level and gain of a thruster under one fault of severity ``s`` (a share)."""
+    if kind == code.STUCK_ON:
+        return s, gain
+    if kind == code.LEAK:
+        return level + s * (1.0 - level), gain
+    if kind == code.STUCK_OFF or kind == code.INTERMITTENT:
+        return level * (1.0 - s), gain
+    if kind == code.LOSS:
+        return level, gain * (1.0 - s)
+    return level, gain

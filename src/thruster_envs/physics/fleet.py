@@ -1,0 +1,336 @@
+"""A batch of worlds, each with one or several like craft: the arrays, and the calls that move them.
+
+This is the host side of the compiled kernels. It knows nothing of tasks, rewards or episodes: a task begins some worlds, writes where their craft
+start, commands duties and flies a period.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_envs.faults import FaultDistribution
+from thruster_envs.faults import encoding as code
+from thruster_envs.faults.sampling import draw_faults
+from thruster_envs.physics import firing, flight
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.compilation import announce_compilation
+from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
+from thruster_envs.physics.sensing import measure, write_measurement
+from thruster_envs.random import RESET, normal_pair, philox
+from thruster_envs.spacecraft import Spacecraft
+
+FloatArray = NDArray[np.float64]
+
+#: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
+FEW_CRAFT, MANY_CRAFT = 6, 1024
+
+#: Length of the longest integration sub-step, s: errors stay a thousand times below Orion's sensor noise over half an orbit.
+DEFAULT_SUBSTEP = 1.0
+
+
+class Fleet:
+    """Craft of one kind in many worlds.
+
+    Args:
+        spacecraft: What every craft is, nominally. What is true of each one stands in the arrays.
+        worlds: Number of worlds.
+        craft: Number of craft in each world.
+        slots: Faults that one craft can have at once.
+        nonlinear: Full two-body relative motion instead of Hill's equations.
+        max_substep: Longest integration sub-step, s.
+        threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above. Results do not depend on it.
+
+    Attributes:
+        data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.layout` says.
+        faults: (blocks, lanes, slots, 15) float64.
+        streams: (blocks, 4, lanes) uint64.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        worlds: int,
+        craft: int = 1,
+        *,
+        slots: int = 4,
+        nonlinear: bool = False,
+        max_substep: float = DEFAULT_SUBSTEP,
+        threads: int | None = None,
+    ) -> None:
+        announce_compilation()
+        self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
+        bodies = worlds * craft
+        self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
+        self.blocks = -(-bodies // self.lanes)
+        self.layout = at.Layout(spacecraft.number_of_thrusters)
+        self.data = np.zeros((self.blocks, self.layout.fields, self.lanes))
+        self.faults = np.zeros((self.blocks, self.lanes, slots, at.FAULT_WIDTH))
+        self.streams = np.zeros((self.blocks, at.STREAM_ROWS, self.lanes), np.uint64)
+        self.data[:, at.ATTITUDE] = 1.0
+        self.data[:, at.MEASURED + 6] = 1.0
+        self.data[:, at.MASS] = spacecraft.mass
+        self.thrusters = _thruster_constants(spacecraft)
+        self.constants = _scalar_constants(spacecraft, max_substep)
+        self.believed = spacecraft.effectiveness()
+        self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
+        self._tilts = _tilted_wrenches(spacecraft)
+        inertia = np.array(spacecraft.inertia)
+        self._inertia = _symmetric(inertia), _symmetric(np.linalg.inv(inertia))
+        self._radius = orbit_radius(spacecraft.mean_motion) if nonlinear else None
+        self._dynamic = bool(
+            np.any(self.thrusters[[at.OPENING_DELAY, at.CLOSING_DELAY]] > 0.0)
+            or np.any(self.thrusters[[at.RISE_RATE, at.FALL_RATE]] < _AT_ONCE)
+        )
+        corners = spacecraft.number_of_thrusters * (
+            firing.CORNERS_WITH_DYNAMICS if self._dynamic else firing.CORNERS
+        )
+        self._networks = (
+            _sorting_network(corners),
+            _sorting_network(corners + firing.FAULT_CORNERS * slots),
+        )
+        self._kernel = flight.fly_singly if self.lanes == 1 else flight.fly_blocks
+        cores = os.cpu_count() or 1
+        self.threads = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+
+    # What tasks do with it -----------------------------------------------------------------------------------------
+
+    def begin(
+        self,
+        which: NDArray[np.int64],
+        keys: NDArray[np.uint64],
+        episodes: NDArray[np.uint64],
+        faults: FloatArray | FaultDistribution,
+    ) -> None:
+        """Put the craft of some worlds back to the start of an episode: at rest at the origin, whole, with their faults.
+
+        Args:
+            which: (k,), the worlds.
+            keys: (worlds, 2), low and high half of every world's seed.
+            episodes: (worlds,), number of the episode that begins, from 0.
+            faults: Rows (craft, slots, 9) for each of these worlds or (k, craft, slots, 9), or what to draw them from.
+        """
+        n = self.layout.thrusters
+        if isinstance(faults, FaultDistribution):
+            rows, drawn = np.zeros((1, self.craft, self.slots, len(code.FAULT_FIELDS))), True
+            table = faults.encode(n, self.craft)
+        else:
+            rows, drawn = faults if faults.ndim == 4 else faults[np.newaxis], False
+            table = np.zeros(1)
+        _begin(
+            self.data, self.faults, self.streams, which, keys, episodes, self.craft,
+            self.spacecraft.mass, self.wrenches, self._tilts, rows, table, drawn,
+        )  # fmt: skip
+
+    def look(self, which: NDArray[np.int64]) -> None:
+        """Let the sensors of some worlds look at where their craft start."""
+        _first_look(self.data, self.streams, self.constants, which, self.craft)
+
+    def fly(self, *, move: bool = True) -> None:
+        """Advance every craft by one control period, under the duties that stand in ``data``.
+
+        ``move`` False fires the thrusters (impulse, delivered on-times) and leaves the craft where they are.
+        """
+        for first, last in self.shares():
+            if self.threads == 1:
+                self._fly(move, first, last)
+        if self.threads > 1:
+            run_shared(self.threads, lambda first, last: self._fly(move, first, last), self.shares())
+
+    def _fly(self, move: bool, first: int, last: int) -> None:
+        self._kernel(
+            self.data, self.faults, self.streams, self.thrusters, self.constants, self.believed,
+            self._networks, *self._inertia, self._radius, self._dynamic, move, first, last,
+        )  # fmt: skip
+
+    def shares(self) -> list[tuple[int, int]]:
+        """The blocks that each thread works on: (first, one past the last)."""
+        edges = np.linspace(0, self.blocks, min(self.threads, self.blocks) + 1).astype(int).tolist()
+        return list(zip(edges[:-1], edges[1:], strict=True))
+
+    # Reading and writing by world and craft ------------------------------------------------------------------------
+
+    def read(self, row: int, count: int = 1) -> FloatArray:
+        """A copy of ``count`` rows from ``row`` on, as (worlds, craft, count)."""
+        rows = self.data[:, row : row + count].transpose(0, 2, 1).reshape(-1, count)
+        return rows[: self.worlds * self.craft].reshape(self.worlds, self.craft, count).copy()
+
+    def write(self, row: int, values: ArrayLike) -> None:
+        """Write (worlds, craft, count) values into the rows from ``row`` on."""
+        array = np.asarray(values, dtype=np.float64)
+        flat = np.broadcast_to(array, (self.worlds, self.craft, array.shape[-1])).reshape(-1, array.shape[-1])
+        for body in range(flat.shape[0]):
+            self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
+
+    def fault_rows(self) -> FloatArray:
+        """A copy of the encoded faults, (worlds, craft, slots, 9)."""
+        rows = self.faults[..., : len(code.FAULT_FIELDS)].reshape(-1, self.slots, len(code.FAULT_FIELDS))
+        return (
+            rows[: self.worlds * self.craft].reshape(self.worlds, self.craft, self.slots, rows.shape[-1]).copy()
+        )
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything that a later period depends on, as copies."""
+        return {"data": self.data.copy(), "faults": self.faults.copy(), "streams": self.streams.copy()}
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Go back to what :meth:`state` gave, for a fleet of the same sizes."""
+        for name, array in state.items():
+            getattr(self, name)[...] = array
+
+
+def run_shared(threads: int, work: object, shares: Sequence[tuple[int, int]]) -> None:
+    """Call ``work(first, last)`` for every share, each in a thread of its own; the first one in this thread."""
+    waiting = [_pool(threads).submit(work, *share) for share in shares[1:]]  # type: ignore[arg-type]
+    work(*shares[0])  # type: ignore[operator]
+    for one in waiting:
+        one.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="thruster_envs")
+
+
+#: Slope (1/s) that stands for a valve level that jumps.
+_AT_ONCE = 1e30
+
+
+def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
+    """(THRUSTER_ROWS, n): the constants of each thruster that the kernels read."""
+    rows = np.zeros((at.THRUSTER_ROWS, spacecraft.number_of_thrusters))
+    for i, thruster in enumerate(spacecraft.thrusters):
+        rows[at.THRUST, i] = thruster.thrust
+        rows[at.MINIMUM_PULSE, i] = thruster.minimum_pulse
+        rows[at.OPENING_DELAY, i] = thruster.opening_delay
+        rows[at.CLOSING_DELAY, i] = thruster.closing_delay
+        rows[at.RISE_RATE, i] = 1.0 / thruster.rise_time if thruster.rise_time > 0.0 else _AT_ONCE
+        rows[at.FALL_RATE, i] = 1.0 / thruster.fall_time if thruster.fall_time > 0.0 else _AT_ONCE
+        rows[at.SCATTER, i] = thruster.scatter
+        rows[at.FLOW_PER_THRUST, i] = 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY)
+    return rows
+
+
+#: m/s^2, turns a specific impulse in seconds into an exhaust speed.
+STANDARD_GRAVITY = 9.80665
+
+
+def _scalar_constants(spacecraft: Spacecraft, max_substep: float) -> FloatArray:
+    """(CONSTANTS,): the vehicle's scalars that the kernels read."""
+    values = np.zeros(at.CONSTANTS)
+    values[at.PERIOD], values[at.MAX_SUBSTEP] = spacecraft.control_period, max_substep
+    values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
+    values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
+    values[at.NOMINAL_MASS] = spacecraft.mass
+    sensors = spacecraft.sensors
+    values[at.SIGMA_POSITION], values[at.SIGMA_VELOCITY] = sensors.position, sensors.velocity
+    values[at.SIGMA_ATTITUDE], values[at.SIGMA_RATE] = sensors.attitude, sensors.rate
+    drift = transition_matrix(spacecraft.mean_motion, spacecraft.control_period)[3:]
+    values[at.VELOCITY_DRIFT : at.VELOCITY_DRIFT + 18] = drift.reshape(-1)
+    return values
+
+
+def _symmetric(matrix: FloatArray) -> tuple[float, ...]:
+    """The diagonal of a symmetric matrix, followed by (xy, xz, yz) unless these are zero."""
+    upper = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+    return tuple(upper if any(upper[3:]) else upper[:3])
+
+
+def _tilted_wrenches(spacecraft: Spacecraft) -> FloatArray:
+    """(2, n, 6): the wrench of each thruster if its thrust pointed along either of two directions square to it (azimuth 0 and 90 deg)."""
+    wrenches = np.zeros((2, spacecraft.number_of_thrusters, 6))
+    for i, thruster in enumerate(spacecraft.thrusters):
+        direction = np.array(thruster.direction)
+        axis = np.zeros(3)
+        axis[int(np.argmin(np.abs(direction)))] = 1.0
+        first = np.cross(direction, axis)
+        first /= np.linalg.norm(first)
+        for k, across in enumerate((first, np.cross(direction, first))):
+            force = thruster.thrust * across
+            wrenches[k, i] = np.concatenate((force, np.cross(thruster.position, force)))
+    return wrenches
+
+
+@cache
+def _sorting_network(size: int) -> NDArray[np.int64]:
+    """Batcher's odd-even merge sort of ``size`` rows: (p, 2), pairs (i, j), i < j, to be put in order one after another."""
+    return np.array(list(_comparators(size)), dtype=np.int64).reshape(-1, 2)
+
+
+def _comparators(size: int) -> Iterator[tuple[int, int]]:
+    p = 1
+    while p < size:
+        k = p
+        while k >= 1:
+            for j in range(k % p, size - k, 2 * k):
+                for i in range(min(k, size - j - k)):
+                    if (i + j) // (2 * p) == (i + j + k) // (2 * p):
+                        yield i + j, i + j + k
+            k //= 2
+        p *= 2
+
+
+@njit(error_model="numpy", cache=True)
+def _begin(
+    data, faults, streams, which, keys, episodes, craft, mass, wrenches, tilts, rows, table, drawn
+):  # fmt: skip
+    n, lanes, width = wrenches.shape[0], data.shape[2], rows.shape[3]
+    slots = faults.shape[2]
+    fresh = np.zeros((craft, slots, width))
+    for k in range(which.shape[0]):
+        world = which[k]
+        if drawn:
+            draw_faults(fresh, table, n, episodes[world], keys[world, 0], keys[world, 1])
+        else:
+            fresh[:] = rows[k if rows.shape[0] > 1 else 0]
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w] = keys[world, 0], keys[world, 1]
+            streams[b, at.EPISODE, w], streams[b, at.CRAFT, w] = episodes[world], c
+            for row in range(at.SCALARS + 4 * n):
+                data[b, row, w] = 0.0
+            data[b, at.ATTITUDE, w], data[b, at.MEASURED + 6, w] = 1.0, 1.0
+            data[b, at.MASS, w] = mass
+            for i in range(n):
+                for row in range(6):
+                    data[b, at.SCALARS + 4 * n + 6 * i + row, w] = wrenches[i, row]
+            for slot in range(slots):
+                for column in range(width):
+                    faults[b, w, slot, column] = fresh[c, slot, column]
+                i = int(fresh[c, slot, code.FIELD_THRUSTER])
+                azimuth = fresh[c, slot, code.FIELD_AZIMUTH]
+                for column in range(6):
+                    faults[b, w, slot, at.FAULT_TILTED + column] = (
+                        np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
+                    )
+
+
+@njit(error_model="numpy", cache=True)
+def _first_look(data, streams, constants, which, craft):
+    lanes = data.shape[2]
+    for k in range(which.shape[0]):
+        for c in range(craft):
+            b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
+            episode, key = streams[b, at.EPISODE, w], (streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w])
+            purpose = np.uint64(RESET << 32) | np.uint64(c)
+            a = philox(np.uint64(0), np.uint64(0), episode, purpose, key[0], key[1])
+            z = philox(np.uint64(1), np.uint64(0), episode, purpose, key[0], key[1])
+            n0, n1 = normal_pair(a[0])
+            n2, n3 = normal_pair(a[1])
+            n4, n5 = normal_pair(a[2])
+            n6, n7 = normal_pair(a[3])
+            n8, n9 = normal_pair(z[0])
+            n10, n11 = normal_pair(z[1])
+            truth = (
+                data[b, 0, w], data[b, 1, w], data[b, 2, w], data[b, 3, w], data[b, 4, w], data[b, 5, w],
+                data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w], data[b, 10, w], data[b, 11, w],
+                data[b, 12, w],
+            )  # fmt: skip
+            normal = (n0, n1, n2, n3, n4, n5, n6, n7, n8, n9, n10, n11)
+            write_measurement(b, w, data, measure(truth, normal, constants))

@@ -1,0 +1,581 @@
+"""One control period of a batch of craft: thrusters fire, the craft fly, the sensors look. The compiled core of every environment.
+
+Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of thrusters on a rigid body on a relative
+orbit, mass depletion included (the inertia matrix and the centre of mass stay where they are). Each piece between two corners of the thrust is
+integrated in equal sub-steps no longer than the vehicle's ``max_substep``: RK4 for position, velocity and rate, a fourth-order Magnus step
+for the attitude, with the body wrench a quadratic in time. The impulse of a pulse is Simpson's sum of that quadratic over its pieces, hence
+exact and the same whatever the sub-step.
+
+Craft are processed in blocks whose innermost axis is the craft, so that the arithmetic vectorises. Every lane of a block does what it would
+do alone, to the last bit, whatever its neighbours need: they may add pieces of zero length, which change nothing.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thruster_envs.faults import encoding as code
+from thruster_envs.physics import firing
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.attitude import follow_orbit, normalised, rate_step, rotate_back, turn
+from thruster_envs.physics.relative_orbit import translation_step
+from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
+from thruster_envs.random import STEP, philox, uniform_pair
+
+# Rows of a block's moving state.
+_R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
+# Rows of the sums over thrusters at one node of a piece (start, middle, end): body wrench, mass flow, open valves.
+_WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
+# Rows of the clock of a piece.
+_BEFORE, _LENGTH, _START, _CLOCK = 0, 1, 2, 3
+# Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start, middle and end.
+_H, _LOAD, _ENTRY = 0, 7, 22
+# Per-thruster groups of rows of the valves: command and carry-over, true strength, nominal duration.
+_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _VALVE_GROUPS = 0, 1, 2, 3, 4, 5, 6, 7
+# Per-thruster groups of rows of the nodes: valve level, gain and thrust (share of nominal), three nodes each.
+_Q_NODE, _GAIN, _THRUST, _NODE_GROUPS = 0, 3, 6, 9
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def fly_blocks(
+    data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly, first, last
+):
+    """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
+
+    The duties of the period stand in the rows ``Layout.duties`` of ``data``; on return they are those of the period that has passed.
+    ``fly`` False fires the thrusters (impulse, delivered on-times) without moving the craft or reading its sensors.
+    ``radius`` None means Hill's equations. Nothing outside the given blocks is read or written.
+    """
+    n, slots = thrusters.shape[1], faults.shape[2]
+    corners = np.zeros((firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots, 32))
+    valves = np.zeros((_VALVE_GROUPS * n, 32))
+    nodes = np.zeros((_NODE_GROUPS * n, 32))
+    columns = np.zeros((6 * n, 32))
+    words = np.zeros((4 * ((n + 1) // 8 + 3), 32), np.uint64)
+    state = np.zeros((_STATE, 32))
+    sums = np.zeros((3 * _SUMS, 32))
+    impulse = np.zeros((_SUMS, 32))
+    clock = np.zeros((_CLOCK, 32))
+    steps = int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    schedule = np.zeros((_ENTRY * steps, 32))
+    cursor = np.zeros(32, np.int64)
+    sight = np.zeros((SIGHT_ROWS, 32))
+    for b in range(first, last):
+        _fly_block(
+            b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+            corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
+        )  # fmt: skip
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def fly_singly(
+    data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly, first, last
+):
+    """The same as :func:`fly_blocks` for blocks of one craft."""
+    n, slots = thrusters.shape[1], faults.shape[2]
+    corners = np.zeros((firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots, 1))
+    valves = np.zeros((_VALVE_GROUPS * n, 1))
+    nodes = np.zeros((_NODE_GROUPS * n, 1))
+    columns = np.zeros((6 * n, 1))
+    words = np.zeros((4 * ((n + 1) // 8 + 3), 1), np.uint64)
+    state = np.zeros((_STATE, 1))
+    sums = np.zeros((3 * _SUMS, 1))
+    impulse = np.zeros((_SUMS, 1))
+    clock = np.zeros((_CLOCK, 1))
+    steps = int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    schedule = np.zeros((_ENTRY * steps, 1))
+    cursor = np.zeros(1, np.int64)
+    sight = np.zeros((SIGHT_ROWS, 1))
+    for b in range(first, last):
+        _fly_block(
+            b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+            corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
+        )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _fly_block(
+    b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+    corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
+):  # fmt: skip
+    n = thrusters.shape[1]
+    lanes = state.shape[1]
+    period = constants[at.PERIOD]
+    for k in range(_STATE):
+        for w in range(lanes):
+            state[k, w] = data[b, k, w]
+    for k in range(6 * n):
+        for w in range(lanes):
+            columns[k, w] = data[b, at.SCALARS + 4 * n + k, w]
+    for w in range(lanes):
+        clock[_START, w] = data[b, at.STEP, w] * period
+    _draw(b, data, streams, words, n)
+    faulted, ramping = _faults_of_period(b, faults, clock, period)
+    _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, words, valves, state)
+    used = _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, valves, corners, clock)
+    firing.sort_rows(corners, networks[1 if faulted else 0])
+    for k in range(_SUMS):
+        for w in range(lanes):
+            impulse[k, w] = 0.0
+    for i in range(n):
+        for w in range(lanes):
+            valves[_DELIVERED * n + i, w] = 0.0
+    node_count = 3 if dynamic or ramping else 1
+    for k in range(node_count * n):
+        for w in range(lanes):
+            nodes[_GAIN * n + k, w] = 1.0
+    max_substep = constants[at.MAX_SUBSTEP]
+    for w in range(lanes):
+        clock[_BEFORE, w] = 0.0
+        cursor[w] = 0
+    for s in range(used + 1):
+        longest = 0.0
+        for w in range(lanes):
+            after = corners[s, w] if s < used else period
+            length = after - clock[_BEFORE, w]
+            clock[_LENGTH, w] = length
+            longest = length if length > longest else longest
+        if longest <= 0.0:
+            continue
+        _levels(valves, clock, thrusters, dynamic, node_count, nodes)
+        if faulted:
+            _apply_faults(b, faults, clock, node_count, nodes, n)
+        _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
+        if faulted:
+            _tilt(b, faults, clock, columns, node_count, nodes, sums, n)
+        _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
+        if fly:
+            _schedule(max_substep, clock, node_count, sums, schedule, cursor)
+        for w in range(lanes):
+            clock[_BEFORE, w] += clock[_LENGTH, w]
+    if fly:
+        _integrate(constants[at.MEAN_MOTION], inertia, inverse, radius, node_count, schedule, cursor, state)
+    _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
+    if fly:
+        _finish(b, data, state)
+        expected_change(b, data, constants, believed, valves, _NOMINAL * n, sight)
+        look(b, data, constants, inertia, inverse, words, state, sight)
+
+
+@njit(forceinline=True)
+def _draw(b, data, streams, words, n):
+    """Random words of the period, (6 + n / 2) of them: twelve normal numbers for the sensors, then one uniform for each thruster."""
+    for block in range((6 + (n + 1) // 2 + 3) // 4):
+        for w in range(words.shape[1]):
+            words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
+                philox(
+                    np.uint64(block),
+                    np.uint64(np.int64(data[b, at.STEP, w])),
+                    streams[b, at.EPISODE, w],
+                    streams[b, at.CRAFT, w] | np.uint64(STEP << 32),
+                    streams[b, at.KEY_LOW, w],
+                    streams[b, at.KEY_HIGH, w],
+                )
+            )
+
+
+@njit(forceinline=True)
+def _faults_of_period(b, faults, clock, period):
+    """Whether any craft of the block has a fault that touches this period, and whether one of those changes smoothly."""
+    faulted, ramping = False, False
+    for w in range(clock.shape[1]):
+        start = clock[_START, w]
+        for k in range(faults.shape[2]):
+            if (
+                faults[b, w, k, code.FIELD_KIND] > 0.0
+                and faults[b, w, k, code.FIELD_ONSET] < start + period
+                and faults[b, w, k, code.FIELD_END] > start
+            ):
+                faulted = True
+                profile = faults[b, w, k, code.FIELD_PROFILE]
+                ramping |= profile == code.RAMP or profile == code.SINE
+    return faulted, ramping
+
+
+@njit(forceinline=True)
+def _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, words, valves, state):
+    """Opening and closing times in the period, carry-over from the last one, strength with scatter, nominal duration."""
+    n, lanes = thrusters.shape[1], state.shape[1]
+    period, dry_mass = constants[at.PERIOD], constants[at.DRY_MASS]
+    for i in range(n):
+        minimum, opening_delay = thrusters[at.MINIMUM_PULSE, i], thrusters[at.OPENING_DELAY, i]
+        closing_delay, scatter = thrusters[at.CLOSING_DELAY, i], thrusters[at.SCATTER, i]
+        for w in range(lanes):
+            duty = data[b, at.SCALARS + i, w]
+            on_time = duty * period
+            on_time = on_time if on_time >= minimum else 0.0
+            on_time = on_time if state[_M, w] > dry_mass else 0.0
+            held = (data[b, at.SCALARS + 2 * n + i, w] > 1.5) & (on_time > 0.0)
+            opening = 0.0 if held else opening_delay
+            closing = on_time + closing_delay if on_time > 0.0 else 0.0
+            nominal = closing - opening
+            valves[_OPENS * n + i, w] = opening
+            valves[_CLOSES * n + i, w] = closing
+            valves[_NOMINAL * n + i, w] = nominal if nominal > 0.0 else 0.0
+        if i % 2 == 0:
+            for w in range(lanes):
+                first, second = uniform_pair(words[6 + i // 2, w])
+                valves[_STRENGTH * n + i, w] = first
+                if i + 1 < n:
+                    valves[_STRENGTH * n + i + 1, w] = second
+        for w in range(lanes):
+            valves[_STRENGTH * n + i, w] = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
+    if faulted:
+        for w in range(lanes):
+            _late_openings(b, w, faults, data, period, valves, n)
+    if dynamic:
+        for i in range(n):
+            for w in range(lanes):
+                held_level = data[b, at.SCALARS + 2 * n + i, w]
+                valves[_LEVEL * n + i, w] = held_level - 2.0 if held_level > 1.5 else held_level
+                tail = data[b, at.SCALARS + 3 * n + i, w]
+                tail = tail if tail < period else period
+                opening = valves[_OPENS * n + i, w]
+                closing = valves[_CLOSES * n + i, w]
+                opening = opening if opening > tail else tail
+                pulse = (closing > opening) & (opening < period)
+                valves[_TAIL * n + i, w] = tail
+                valves[_OPENS * n + i, w] = opening if pulse else 2.0 * period
+                valves[_CLOSES * n + i, w] = closing if pulse else 2.0 * period
+
+
+@njit(forceinline=True)
+def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
+    """What the period left behind: delivered on-times, impulse, open time, and the valves as the next period finds them.
+
+    The level row carries 2 more where the command lasted to the end of the period: the valve is then held open if the next one goes on.
+    """
+    lanes = state.shape[1]
+    for i in range(n):
+        for w in range(lanes):
+            data[b, at.SCALARS + n + i, w] = valves[_DELIVERED * n + i, w]
+        for w in range(lanes):
+            held = (data[b, at.SCALARS + i, w] >= 1.0) & (valves[_NOMINAL * n + i, w] > 0.0)
+            data[b, at.SCALARS + 2 * n + i, w] = 2.0 if held else 0.0
+        if dynamic:
+            rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
+            for w in range(lanes):
+                opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
+                tail = valves[_TAIL * n + i, w]
+                level = firing.valve_level(
+                    period, valves[_LEVEL * n + i, w], tail, opening, closing, rise, fall
+                )
+                data[b, at.SCALARS + 2 * n + i, w] += level
+                over = closing - period if (opening < period) & (closing > period) else 0.0
+                older = data[b, at.SCALARS + 3 * n + i, w] - period
+                data[b, at.SCALARS + 3 * n + i, w] = over if over > older else max(older, 0.0)
+    for k in range(6):
+        for w in range(lanes):
+            data[b, at.IMPULSE + k, w] = impulse[_WRENCH + k, w]
+    for w in range(lanes):
+        data[b, at.OPEN_TIME, w] += impulse[_OPEN, w]
+        data[b, at.STEP, w] += 1.0
+
+
+@njit
+def _late_openings(b, w, faults, data, period, valves, n):
+    """Put back the opening of the valves that open late, unless the valve was held open from the period before."""
+    start = data[b, at.STEP, w] * period
+    for k in range(faults.shape[2]):
+        fault = faults[b, w, k]
+        if fault[code.FIELD_KIND] == code.LATE_OPENING and firing.is_active(fault, start):
+            i = int(fault[code.FIELD_THRUSTER])
+            if data[b, at.SCALARS + 2 * n + i, w] < 1.5:
+                valves[_OPENS * n + i, w] += firing.severity(fault, start)
+
+
+@njit(forceinline=True)
+def _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, valves, corners, clock):
+    """Fill the rows of ``corners`` in use and return how many they are."""
+    n, lanes = thrusters.shape[1], clock.shape[1]
+    used = n
+    if dynamic:
+        for i in range(n):
+            for w in range(lanes):
+                firing.valve_corners(
+                    7 * i, corners, w, valves[_LEVEL * n + i, w], valves[_TAIL * n + i, w],
+                    valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w],
+                    thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i], period,
+                )  # fmt: skip
+        used = firing.CORNERS_WITH_DYNAMICS * n
+    else:
+        for i in range(n):
+            for w in range(lanes):
+                closing = valves[_CLOSES * n + i, w]
+                corners[i, w] = closing if (closing > 0.0) & (closing < period) else period
+    if faulted:
+        for w in range(lanes):
+            for k in range(faults.shape[2]):
+                row = used + firing.FAULT_CORNERS * k
+                fault = faults[b, w, k]
+                firing.fault_corners(fault, clock[_START, w], period, corners, row, w)
+                opening = valves[_OPENS * n + int(fault[code.FIELD_THRUSTER]), w]
+                late = fault[code.FIELD_KIND] == code.LATE_OPENING and opening < period
+                corners[row + 4, w] = opening if late else period
+        used += firing.FAULT_CORNERS * faults.shape[2]
+    return used
+
+
+@njit(forceinline=True)
+def _levels(valves, clock, thrusters, dynamic, node_count, nodes):
+    """Valve levels, 0..1, at the nodes of the piece."""
+    n, lanes = thrusters.shape[1], clock.shape[1]
+    if dynamic:
+        for i in range(n):
+            rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
+            for w in range(lanes):
+                level, tail = valves[_LEVEL * n + i, w], valves[_TAIL * n + i, w]
+                opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
+                t, length = clock[_BEFORE, w], clock[_LENGTH, w]
+                a = firing.valve_level(t + 0.25 * length, level, tail, opening, closing, rise, fall)
+                z = firing.valve_level(t + 0.75 * length, level, tail, opening, closing, rise, fall)
+                nodes[i, w] = a - 0.5 * (z - a)
+                nodes[n + i, w] = 0.5 * (a + z)
+                nodes[2 * n + i, w] = z + 0.5 * (z - a)
+    else:
+        for i in range(n):
+            for w in range(lanes):
+                middle = clock[_BEFORE, w] + 0.5 * clock[_LENGTH, w]
+                is_open = (middle >= valves[_OPENS * n + i, w]) & (middle < valves[_CLOSES * n + i, w])
+                nodes[i, w] = 1.0 if is_open else 0.0
+        for k in range(1, node_count):
+            for i in range(n):
+                for w in range(lanes):
+                    nodes[k * n + i, w] = nodes[i, w]
+
+
+@njit(forceinline=True)
+def _apply_faults(b, faults, clock, node_count, nodes, n):
+    """Level and gain of the faulty thrusters of the block, lane by lane: stuck open, then leaking, then blocked, then lossy."""
+    for w in range(clock.shape[1]):
+        if clock[_LENGTH, w] > 0.0:
+            _apply_faults_to(b, w, faults, clock, node_count, nodes, n)
+
+
+@njit
+def _apply_faults_to(b, w, faults, clock, node_count, nodes, n):
+    start = clock[_START, w] + clock[_BEFORE, w]
+    end = start + clock[_LENGTH, w]
+    for k in range(faults.shape[2]):
+        if faults[b, w, k, code.FIELD_KIND] > 0.0:
+            i = int(faults[b, w, k, code.FIELD_THRUSTER])
+            for node in range(node_count):
+                nodes[(_GAIN + node) * n + i, w] = 1.0
+    for rank in range(3):
+        for k in range(faults.shape[2]):
+            fault = faults[b, w, k]
+            kind = int(fault[code.FIELD_KIND])
+            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
+            if its_rank == rank and firing.is_active(fault, 0.5 * (start + end)):
+                i = int(fault[code.FIELD_THRUSTER])
+                s0, sm, s1 = firing.severity_nodes(fault, start, end)
+                for node in range(node_count):
+                    s = s0 if node == 0 else (sm if node == 1 else s1)
+                    level, gain = nodes[(_Q_NODE + node) * n + i, w], nodes[(_GAIN + node) * n + i, w]
+                    level, gain = firing.apply_fault(kind, s, level, gain)
+                    nodes[(_Q_NODE + node) * n + i, w], nodes[(_GAIN + node) * n + i, w] = level, gain
+
+
+@njit(forceinline=True)
+def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums):
+    """Thrust of each thruster through the shared feed, and the body wrench, mass flow and number of open valves, at each node.
+
+    Thrusters are taken four at a time: the sums then go through memory a quarter as often.
+    """
+    n, lanes = thrusters.shape[1], sums.shape[1]
+    fours = n - n % 4
+    for node in range(node_count):
+        level, thrust, row = (_Q_NODE + node) * n, (_THRUST + node) * n, _SUMS * node
+        for k in range(_SUMS):
+            for w in range(lanes):
+                sums[row + k, w] = 0.0
+        for i in range(0, fours, 4):
+            q = level + i
+            for w in range(lanes):
+                sums[row + _OPEN, w] += (nodes[q, w] + nodes[q + 1, w]) + (nodes[q + 2, w] + nodes[q + 3, w])
+        for i in range(fours, n):
+            for w in range(lanes):
+                sums[row + _OPEN, w] += nodes[level + i, w]
+        for i in range(n):
+            flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+            for w in range(lanes):
+                q_i = nodes[level + i, w]
+                through = 1.0 - coupling * (sums[row + _OPEN, w] - q_i)
+                share = valves[_STRENGTH * n + i, w] * q_i * (through if through > 0.0 else 0.0)
+                nodes[thrust + i, w] = share * nodes[(_GAIN + node) * n + i, w]
+                sums[row + _FLOW, w] += flow_per_thrust * share
+        for i in range(0, fours, 4):
+            t, c = thrust + i, 6 * i
+            for k in range(6):
+                for w in range(lanes):
+                    sums[row + k, w] += (nodes[t, w] * columns[c + k, w] + nodes[t + 1, w] * columns[c + 6 + k, w]) + (
+                        nodes[t + 2, w] * columns[c + 12 + k, w] + nodes[t + 3, w] * columns[c + 18 + k, w]
+                    )
+        for i in range(fours, n):
+            for k in range(6):
+                for w in range(lanes):
+                    sums[row + k, w] += nodes[thrust + i, w] * columns[6 * i + k, w]
+
+
+@njit(forceinline=True)
+def _tilt(b, faults, clock, columns, node_count, nodes, sums, n):
+    """Turn the thrust of the misaligned thrusters of the block, lane by lane."""
+    for w in range(clock.shape[1]):
+        for k in range(faults.shape[2]):
+            if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT and clock[_LENGTH, w] > 0.0:
+                _tilt_one(faults[b, w, k], w, clock, columns, node_count, nodes, sums, n)
+
+
+@njit
+def _tilt_one(fault, w, clock, columns, node_count, nodes, sums, n):
+    start = clock[_START, w] + clock[_BEFORE, w]
+    end = start + clock[_LENGTH, w]
+    if not firing.is_active(fault, 0.5 * (start + end)):
+        return
+    i = int(fault[code.FIELD_THRUSTER])
+    s0, sm, s1 = firing.severity_nodes(fault, start, end)
+    for node in range(node_count):
+        s = s0 if node == 0 else (sm if node == 1 else s1)
+        force = nodes[(_THRUST + node) * n + i, w]
+        along, across = math.cos(s) - 1.0, math.sin(s)
+        for c in range(6):
+            sums[_SUMS * node + c, w] += force * (
+                along * columns[6 * i + c, w] + across * fault[at.FAULT_TILTED + c]
+            )
+
+
+@njit(forceinline=True)
+def _simpson(a, m, z):
+    """Mean of a quadratic from its start, middle and end; exactly ``a`` when all three are equal."""
+    return a + 1 / 6 * (4.0 * (m - a) + (z - a))
+
+
+@njit(forceinline=True)
+def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
+    """Add the piece to the impulse, the open time and each thruster's delivered on-time."""
+    lanes = clock.shape[1]
+    if node_count == 1:
+        for k in range(_SUMS):
+            for w in range(lanes):
+                impulse[k, w] += clock[_LENGTH, w] * sums[k, w]
+        for i in range(n):
+            for w in range(lanes):
+                valves[_DELIVERED * n + i, w] += clock[_LENGTH, w] * nodes[_THRUST * n + i, w]
+    else:
+        for k in range(_SUMS):
+            for w in range(lanes):
+                mean = _simpson(sums[k, w], sums[_SUMS + k, w], sums[2 * _SUMS + k, w])
+                impulse[k, w] += clock[_LENGTH, w] * mean
+        for i in range(n):
+            a, m, z = _THRUST * n + i, (_THRUST + 1) * n + i, (_THRUST + 2) * n + i
+            for w in range(lanes):
+                mean = _simpson(nodes[a, w], nodes[m, w], nodes[z, w])
+                valves[_DELIVERED * n + i, w] += clock[_LENGTH, w] * mean
+
+
+@njit(forceinline=True)
+def _schedule(max_substep, clock, node_count, sums, schedule, cursor):
+    """Cut the piece of each craft into its own number of equal sub-steps and add them to its schedule.
+
+    Craft have their pieces at different times; with a schedule of its own each one takes only the sub-steps that it needs.
+    """
+    for w in range(clock.shape[1]):
+        length = clock[_LENGTH, w]
+        if length > 0.0:
+            count = math.ceil(length / max_substep)
+            share = 1.0 / count
+            for j in range(int(count)):
+                row = _ENTRY * cursor[w]
+                cursor[w] += 1
+                schedule[row + _H, w] = length * share
+                if node_count == 1:
+                    for k in range(_LOAD):
+                        schedule[row + 1 + k, w] = sums[k, w]
+                else:
+                    for k in range(_LOAD):
+                        for node in range(3):
+                            at_node = _quadratic(sums, w, k, (j + 0.5 * node) * share)
+                            schedule[row + 1 + _LOAD * node + k, w] = at_node
+
+
+@njit(forceinline=True)
+def _quadratic(sums, w, k, s):
+    """Sum ``k`` of lane ``w`` at the share ``s`` of the piece; exactly the start value when all three nodes are equal."""
+    a = sums[k, w]
+    m, z = sums[_SUMS + k, w] - a, sums[2 * _SUMS + k, w] - a
+    return a + s * ((4.0 * m - z) + 2.0 * s * (z - 2.0 * m))
+
+
+@njit(forceinline=True)
+def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state):
+    """Move the craft of the block through their schedules; those with fewer sub-steps wait (their last ones have no length)."""
+    lanes = state.shape[1]
+    most = 0
+    for w in range(lanes):
+        most = cursor[w] if cursor[w] > most else most
+    for w in range(lanes):
+        for j in range(cursor[w], most):
+            schedule[_ENTRY * j + _H, w] = 0.0
+    middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
+    for j in range(most):
+        a = _ENTRY * j + 1
+        m, z = a + middle, a + end
+        for w in range(lanes):
+            _substep(
+                state, w, schedule[_ENTRY * j + _H, w], n, inertia, inverse, radius,
+                (schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
+                (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
+                (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w]),
+                (schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
+                (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
+                (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w]),
+                schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w],
+            )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _substep(
+    state, w, h, n, inertia, inverse, radius,
+    force_0, force_m, force_1, torque_0, torque_m, torque_1, flow_0, flow_m, flow_1,
+):  # fmt: skip
+    """One sub-step of one craft; forces and torques in the body at its start, middle and end, N and N m, mass flow in kg/s."""
+    rate = (state[_W, w], state[_W + 1, w], state[_W + 2, w])
+    quarter, middle, end = rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h)
+    q = (state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w])
+    q_m = follow_orbit(turn(q, rate, quarter, middle, 0.5 * h), n, 0.5 * h)
+    q_1 = follow_orbit(turn(q, rate, middle, end, h), n, h)
+    mass = state[_M, w]
+    mass_m = mass - 0.5 * h * (flow_0 + 1 / 12 * (8.0 * (flow_m - flow_0) - (flow_1 - flow_0)))
+    mass_1 = mass - h * _simpson(flow_0, flow_m, flow_1)
+    r, v = translation_step(
+        (state[_R, w], state[_R + 1, w], state[_R + 2, w]),
+        (state[_V, w], state[_V + 1, w], state[_V + 2, w]),
+        _specific(rotate_back(q, force_0), mass),
+        _specific(rotate_back(q_m, force_m), mass_m),
+        _specific(rotate_back(q_1, force_1), mass_1),
+        n, radius, h,
+    )  # fmt: skip
+    state[_R, w], state[_R + 1, w], state[_R + 2, w] = r[0], r[1], r[2]
+    state[_V, w], state[_V + 1, w], state[_V + 2, w] = v[0], v[1], v[2]
+    state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q_1[0], q_1[1], q_1[2], q_1[3]
+    state[_W, w], state[_W + 1, w], state[_W + 2, w] = end[0], end[1], end[2]
+    state[_M, w] = mass_1
+
+
+@njit(forceinline=True)
+def _specific(force, mass):
+    inverse = 1.0 / mass
+    return (inverse * force[0], inverse * force[1], inverse * force[2])
+
+
+@njit(forceinline=True)
+def _finish(b, data, state):
+    """Write the moved state back, with the quaternion at unit length."""
+    lanes = state.shape[1]
+    for w in range(lanes):
+        q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
+        state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
+    for k in range(_STATE):
+        for w in range(lanes):
+            data[b, k, w] = state[k, w]

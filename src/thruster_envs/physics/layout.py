@@ -1,0 +1,85 @@
+"""Where everything stands in the arrays that the compiled kernels share.
+
+A batch of craft is one float64 array ``data`` of shape (blocks, fields, lanes): the craft of block ``b`` and lane ``l`` is number
+``b * lanes + l`` (world-major: ``world * number_of_craft + craft``). A block is contiguous, so a kernel that goes from block to block streams
+through memory whatever the size of the batch. Fields are in SI units; the per-thruster ones come last, ``n`` rows each.
+"""
+
+from dataclasses import dataclass
+
+from thruster_envs.faults.encoding import FAULT_FIELDS
+
+#: Craft per block in a large batch; a batch of a few craft uses blocks of one, by the same source.
+LANES = 32
+
+# State of a craft: one row each.
+POSITION = 0  # 3, m, LVLH
+VELOCITY = 3  # 3, m/s, LVLH
+ATTITUDE = 6  # 4, body-from-LVLH
+RATE = 10  # 3, rad/s, inertial rate in body axes
+MASS = 13  # kg
+OPEN_TIME = 14  # thruster-seconds of open valve since the reset
+STEP = 15  # control periods since the reset
+# What the sensors said at the end of the last period, and what followed from it.
+MEASURED = 16  # 13: position, velocity, attitude, rate
+MEASURED_CHANGE = 29  # 6, rate change of the last period as measured, body axes, drift removed
+EXPECTED_CHANGE = 35  # 6, the same as the nominal vehicle would have given
+IMPULSE = 41  # 6, what the thrusters gave in the last period: N s and N m s, body axes
+SCALARS = 47
+
+# A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that the thruster would give if its thrust
+# were turned by a right angle towards the fault's azimuth.
+FAULT_TILTED = len(FAULT_FIELDS)
+FAULT_WIDTH = FAULT_TILTED + 6
+
+# Rows of the per-thruster constants, shape (THRUSTER_ROWS, n).
+THRUST, MINIMUM_PULSE, OPENING_DELAY, CLOSING_DELAY = 0, 1, 2, 3
+RISE_RATE, FALL_RATE, SCATTER, FLOW_PER_THRUST = 4, 5, 6, 7  # 1/s, 1/s, share, kg/s per N
+THRUSTER_ROWS = 8
+
+# Entries of the vehicle's scalar constants.
+PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS, NOMINAL_MASS = 0, 1, 2, 3, 4, 5
+SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
+VELOCITY_DRIFT = 10  # 18: lower half of the HCW transition matrix over one period, row by row
+CONSTANTS = 28
+
+# Rows of ``streams`` (blocks, STREAM_ROWS, lanes), uint64: the randomness of a craft is a function of these and of its STEP.
+KEY_LOW, KEY_HIGH, EPISODE, CRAFT = 0, 1, 2, 3
+STREAM_ROWS = 4
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Rows of the per-thruster fields for a vehicle of ``thrusters`` thrusters."""
+
+    thrusters: int
+
+    @property
+    def duties(self) -> int:
+        """First row of the duties commanded in the last period, 0..1."""
+        return SCALARS
+
+    @property
+    def delivered(self) -> int:
+        """First row of the on-time delivered in the last period: impulse over nominal thrust, s."""
+        return SCALARS + self.thrusters
+
+    @property
+    def level(self) -> int:
+        """First row of the valve levels carried into the next period, 0..1."""
+        return SCALARS + 2 * self.thrusters
+
+    @property
+    def tail(self) -> int:
+        """First row of the times for which a valve stays open into the next period, s."""
+        return SCALARS + 3 * self.thrusters
+
+    @property
+    def columns(self) -> int:
+        """First row of the true wrenches, thruster by thruster, 6 rows each: N and N m at full nominal thrust."""
+        return SCALARS + 4 * self.thrusters
+
+    @property
+    def fields(self) -> int:
+        """Number of rows."""
+        return SCALARS + 10 * self.thrusters

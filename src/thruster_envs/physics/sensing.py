@@ -1,0 +1,161 @@
+"""What a craft's navigation says of it: noisy relative position and velocity, attitude and rate, and the rate change that follows from them.
+
+Models white Gaussian noise of a stated size on each axis, independent from one control period to the next (Yang 2003, section 6.4: carrier-phase
+differential GPS). The *measured rate change* of a period is the difference of two consecutive velocity measurements less what free motion
+would have done in between (orbital drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would have
+given for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out biases, time correlation and drop-outs.
+"""
+
+from numba import njit
+
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.attitude import angular_acceleration, exponential, quaternion_product, rotate
+from thruster_envs.random import normal_pair
+
+
+@njit(forceinline=True)
+def measure(truth, noise, constants):
+    """Thirteen measured numbers (position, velocity, attitude, rate) from the true ones and twelve standard normal numbers."""
+    a, b = constants[at.SIGMA_POSITION], constants[at.SIGMA_VELOCITY]
+    c, d = 0.5 * constants[at.SIGMA_ATTITUDE], constants[at.SIGMA_RATE]
+    q = quaternion_product(
+        exponential(c * noise[6], c * noise[7], c * noise[8]), (truth[6], truth[7], truth[8], truth[9])
+    )
+    return (
+        truth[0] + a * noise[0],
+        truth[1] + a * noise[1],
+        truth[2] + a * noise[2],
+        truth[3] + b * noise[3],
+        truth[4] + b * noise[4],
+        truth[5] + b * noise[5],
+        q[0],
+        q[1],
+        q[2],
+        q[3],
+        truth[10] + d * noise[9],
+        truth[11] + d * noise[10],
+        truth[12] + d * noise[11],
+    )
+
+
+@njit(forceinline=True)
+def measured_change(before, after, constants, inertia, inverse):
+    """Rate change of a period in body axes, m/s and rad/s, from the measurements at its two ends, free motion removed."""
+    period, k = constants[at.PERIOD], at.VELOCITY_DRIFT
+    x, y, z, u, v, w = before[0], before[1], before[2], before[3], before[4], before[5]
+    drift = (
+        constants[k] * x + constants[k + 1] * y + constants[k + 2] * z
+        + constants[k + 3] * u + constants[k + 4] * v + constants[k + 5] * w,
+        constants[k + 6] * x + constants[k + 7] * y + constants[k + 8] * z
+        + constants[k + 9] * u + constants[k + 10] * v + constants[k + 11] * w,
+        constants[k + 12] * x + constants[k + 13] * y + constants[k + 14] * z
+        + constants[k + 15] * u + constants[k + 16] * v + constants[k + 17] * w,
+    )  # fmt: skip
+    q = (before[6], before[7], before[8], before[9])
+    translation = rotate(q, (after[3] - drift[0], after[4] - drift[1], after[5] - drift[2]))
+    mean = (
+        0.5 * (before[10] + after[10]),
+        0.5 * (before[11] + after[11]),
+        0.5 * (before[12] + after[12]),
+    )
+    free = angular_acceleration(mean, (0.0, 0.0, 0.0), inertia, inverse)
+    return (
+        translation[0],
+        translation[1],
+        translation[2],
+        after[10] - before[10] - period * free[0],
+        after[11] - before[11] - period * free[1],
+        after[12] - before[12] - period * free[2],
+    )
+
+
+@njit(forceinline=True)
+def write_measurement(b, w, data, measured):
+    """Store the thirteen measured numbers of one craft."""
+    m = at.MEASURED
+    data[b, m, w], data[b, m + 1, w], data[b, m + 2, w] = measured[0], measured[1], measured[2]
+    data[b, m + 3, w], data[b, m + 4, w], data[b, m + 5, w] = measured[3], measured[4], measured[5]
+    data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w] = measured[6], measured[7], measured[8]
+    data[b, m + 9, w], data[b, m + 10, w] = measured[9], measured[10]
+    data[b, m + 11, w], data[b, m + 12, w] = measured[11], measured[12]
+
+
+# Rows of a block's scratch: normal numbers, the measurement before and after the period, the rate change in between.
+_NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
+
+
+@njit(forceinline=True)
+def look(b, data, constants, inertia, inverse, words, state, sight):
+    """Measure every craft of a block after a period, and form the measured rate change, from the first six random words of each lane.
+
+    ``state`` (14, lanes) is the true state, ``sight`` (SIGHT_ROWS, lanes) scratch.
+    """
+    lanes = sight.shape[1]
+    for k in range(6):
+        for w in range(lanes):
+            sight[2 * k, w], sight[2 * k + 1, w] = normal_pair(words[k, w])
+    for k in range(13):
+        for w in range(lanes):
+            sight[_OLD + k, w] = data[b, at.MEASURED + k, w]
+    for w in range(lanes):
+        truth = (
+            state[0, w], state[1, w], state[2, w], state[3, w], state[4, w], state[5, w], state[6, w],
+            state[7, w], state[8, w], state[9, w], state[10, w], state[11, w], state[12, w],
+        )  # fmt: skip
+        normal = (
+            sight[0, w], sight[1, w], sight[2, w], sight[3, w], sight[4, w], sight[5, w],
+            sight[6, w], sight[7, w], sight[8, w], sight[9, w], sight[10, w], sight[11, w],
+        )  # fmt: skip
+        new = measure(truth, normal, constants)
+        sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w] = new[0], new[1], new[2], new[3], new[4]
+        sight[30, w], sight[31, w], sight[32, w], sight[33, w] = new[5], new[6], new[7], new[8]
+        sight[34, w], sight[35, w], sight[36, w], sight[37, w] = new[9], new[10], new[11], new[12]
+    for w in range(lanes):
+        old = (
+            sight[12, w], sight[13, w], sight[14, w], sight[15, w], sight[16, w], sight[17, w], sight[18, w],
+            sight[19, w], sight[20, w], sight[21, w], sight[22, w], sight[23, w], sight[24, w],
+        )  # fmt: skip
+        new = (
+            sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w], sight[30, w], sight[31, w],
+            sight[32, w], sight[33, w], sight[34, w], sight[35, w], sight[36, w], sight[37, w],
+        )  # fmt: skip
+        change = measured_change(old, new, constants, inertia, inverse)
+        sight[38, w], sight[39, w], sight[40, w] = change[0], change[1], change[2]
+        sight[41, w], sight[42, w], sight[43, w] = change[3], change[4], change[5]
+    for k in range(13):
+        for w in range(lanes):
+            data[b, at.MEASURED + k, w] = sight[_NEW + k, w]
+    for k in range(6):
+        for w in range(lanes):
+            data[b, at.MEASURED_CHANGE + k, w] = sight[_CHANGE + k, w]
+
+
+@njit(forceinline=True)
+def expected_change(b, data, constants, believed, durations, first_row, sight):
+    """Rate change that the nominal vehicle gives for the commanded pulses, all starting together, feed coupling included.
+
+    A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one; ``durations`` holds ``u`` from ``first_row`` on, ``sight``
+    is scratch.
+    """
+    n, lanes = believed.shape[1], durations.shape[1]
+    coupling = constants[at.COUPLING]
+    for k in range(6):
+        for w in range(lanes):
+            sight[k, w] = 0.0
+    for i in range(n):
+        for w in range(lanes):
+            sight[6, w] = -durations[first_row + i, w]
+        for j in range(n):
+            for w in range(lanes):
+                own, other = durations[first_row + i, w], durations[first_row + j, w]
+                sight[6, w] += own if own < other else other
+        for w in range(lanes):
+            effective = durations[first_row + i, w] - coupling * sight[6, w]
+            sight[6, w] = effective if effective > 0.0 else 0.0
+        for k in range(6):
+            column = believed[k, i]
+            for w in range(lanes):
+                sight[k, w] += column * sight[6, w]
+    for k in range(6):
+        for w in range(lanes):
+            data[b, at.EXPECTED_CHANGE + k, w] = sight[k, w]
