@@ -1,0 +1,10 @@
+"""Pictures of an episode: the craft with its plumes, its path, and what was commanded and delivered.
+
+Public names: :class:`Scene` and :class:`CraftScene` (what to draw), :class:`Renderer` (draws it). Importing
+this package does not import pygame; making a ``Renderer`` does.
+"""
+
+from thruster_envs.rendering.renderer import Renderer
+from thruster_envs.rendering.scene import CraftScene, Scene
+
+__all__ = ["CraftScene", "Renderer", "Scene"]

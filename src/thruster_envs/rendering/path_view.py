@@ -1,0 +1,191 @@
+"""The path in the LVLH frame: along-track across, radial above and cross-track below, in m.
+
+Models: positions and targets of every craft, on axes that follow the data in round steps.
+Leaves out: equal scales; the vertical scale is finer than the horizontal one where there is little to see
+(but at most ``FINEST`` times, so that noise does not fill the panel).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from thruster_envs.rendering.canvas import (
+    AXIS,
+    CRAFT,
+    FAILED,
+    GRID,
+    MUTED,
+    TARGET,
+    TEXT,
+    WELL,
+    Canvas,
+    Color,
+    blend,
+)
+from thruster_envs.rendering.layout import Box, Layout
+from thruster_envs.rendering.scene import CraftScene
+from thruster_envs.rendering.ticks import round_limits, tick_label, tick_values
+
+FloatArray = npt.NDArray[np.float64]
+
+FINEST = 5.0  # the most that the vertical scale is finer than the horizontal one
+SMALLEST_SPAN = 0.5  # m
+LEAST_HEIGHT = 64.0  # pixels that a plot needs; two stand one above the other where there is room
+FADING_PIECES = 6
+OLDEST_SHARE = 0.35  # brightness of the oldest part of the path
+
+
+class PathView:
+    """Draws the path of every craft into its box of the layout."""
+
+    def __init__(self, canvas: Canvas, layout: Layout) -> None:
+        self._canvas = canvas
+        self._layout = layout
+        left, top, width, height = layout.path
+        small = layout.small_size
+        caption = layout.text_size + 12.0 * layout.scale
+        gutter = canvas.text_width("−0000", small) + 10.0 + 0.8 * small
+        right = left + width - max(10.0, 16.0 * layout.scale)
+        bottom = top + height - 2.2 * small
+        gap = max(8.0, 14.0 * layout.scale)
+        area_top = top + caption + 0.2 * small
+        room = bottom - area_top
+        across = right - left - gutter
+        if (room - gap) / 2 >= LEAST_HEIGHT:
+            down = (room - gap) / 2
+            self._plots: tuple[tuple[int, str, Box], ...] = (
+                (0, "radial, m", (left + gutter, area_top, across, down)),
+                (2, "cross-track, m", (left + gutter, area_top + down + gap, across, down)),
+            )
+        else:
+            self._plots = ((0, "radial, m", (left + gutter, area_top, across, room)),)
+
+    def draw_static(self) -> None:
+        """What does not change: the wells of the plots."""
+        for _, _, box in self._plots:
+            self._canvas.rectangle(WELL, box, radius=3.0)
+
+    def draw(self, crafts: tuple[CraftScene, ...]) -> None:
+        """Axes, paths, targets and craft."""
+        points = np.vstack([np.vstack([craft.path, craft.position, craft.target]) for craft in crafts])
+        _, _, across, down = self._plots[0][2]
+        intervals = max(2.0, across / (4.2 * self._layout.small_size))
+        low, high = _widened(points[:, 1], SMALLEST_SPAN)
+        horizontal = round_limits(low, high, intervals)
+        span = (horizontal[1] - horizontal[0]) * down / across / FINEST
+        for number, (axis, label, box) in enumerate(self._plots):
+            low, high = _widened(points[:, axis], max(span, SMALLEST_SPAN))
+            vertical = round_limits(low, high, max(2.0, box[3] / (1.9 * self._layout.small_size)))
+            self._draw_axes(box, horizontal, vertical, label, last=number == len(self._plots) - 1)
+            self._draw_craft(crafts, axis, box, horizontal, vertical)
+
+    def _draw_axes(
+        self,
+        box: Box,
+        horizontal: tuple[float, float, float],
+        vertical: tuple[float, float, float],
+        label: str,
+        *,
+        last: bool,
+    ) -> None:
+        left, top, width, height = box
+        canvas, size = self._canvas, self._layout.small_size
+        for value in tick_values(*horizontal):
+            column = left + width * (value - horizontal[0]) / (horizontal[1] - horizontal[0])
+            canvas.rule(AXIS if value == 0.0 else GRID, (column, top), (column, top + height))
+            if last:
+                text = tick_label(value, horizontal[2])
+                half = canvas.text_width(text, size) / 2
+                at = min(column, self._layout.path[0] + self._layout.path[2] - half - 5)
+                canvas.text(MUTED, text, (at, top + height + 0.7 * size), size)
+        step = vertical[2]
+        for value in tick_values(*vertical):
+            row = top + height * (vertical[1] - value) / (vertical[1] - vertical[0])
+            canvas.rule(AXIS if value == 0.0 else GRID, (left, row), (left + width, row))
+            canvas.text(MUTED, tick_label(value, step), (left - 5, row), size, align="right")
+        canvas.upright_text(MUTED, label, (self._layout.path[0] + 0.75 * size, top + height / 2), size)
+        if last:
+            canvas.text(MUTED, "along-track, m", (left + width / 2, top + height + 1.6 * size), size)
+
+    def _draw_craft(
+        self,
+        crafts: tuple[CraftScene, ...],
+        axis: int,
+        box: Box,
+        horizontal: tuple[float, float, float],
+        vertical: tuple[float, float, float],
+    ) -> None:
+        left, top, width, height = box
+        scale = np.array([width / (horizontal[1] - horizontal[0]), -height / (vertical[1] - vertical[0])])
+        offset = np.array([left, top]) - scale * np.array([horizontal[0], vertical[1]])
+        canvas, size = self._canvas, max(0.75, self._layout.scale)
+        for number, craft in enumerate(crafts):
+            self._draw_path(craft_color(number), offset + scale * craft.path[:, [1, axis]])
+        for number, craft in enumerate(crafts):
+            color = TARGET if len(crafts) == 1 else craft_color(number)
+            column, row = offset + scale * craft.target[[1, axis]]
+            canvas.circle(color, (column, row), 6.0 * size, width=1.0)
+            for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                canvas.line(
+                    color,
+                    (column + 4.0 * size * right, row + 4.0 * size * down),
+                    (column + 9.0 * size * right, row + 9.0 * size * down),
+                )
+        for number, craft in enumerate(crafts):
+            place = offset + scale * craft.position[[1, axis]]
+            color = craft_color(number)
+            canvas.circle(WELL, place, 5.5 * size)
+            canvas.circle(color, place, 4.0 * size)
+
+    def _draw_path(self, color: Color, pixels: FloatArray) -> None:
+        if len(pixels) == 0:
+            return
+        # Points closer than a pixel are not seen apart; the last one always stays.
+        cells = np.floor(pixels)
+        kept = np.append((cells[1:] != cells[:-1]).any(axis=1), True)
+        pixels = pixels[kept]
+        cuts = np.linspace(0, len(pixels) - 1, FADING_PIECES + 1).round().astype(int).tolist()
+        for piece, (first, last) in enumerate(pairwise(cuts)):
+            share = OLDEST_SHARE + (1.0 - OLDEST_SHARE) * (piece + 1) / FADING_PIECES
+            self._canvas.lines(blend(WELL, color, share), pixels[first : last + 1], width=1.5)
+
+    def draw_legend(self, crafts: tuple[CraftScene, ...], right: float, row: float, room: float) -> None:
+        """Names of the craft beside their colours, right-aligned; their numbers if that is too long."""
+        canvas, size = self._canvas, self._layout.small_size
+        several = len(crafts) > 1
+        entries = [
+            (craft_color(number), craft.name or f"craft {number + 1}", several and bool(craft.faulty.any()))
+            for number, craft in enumerate(crafts)
+        ]
+        if not several:
+            entries.append((TARGET, "target", False))
+        dot = 0.26 * size
+        if sum(canvas.text_width(name, size) + 6.5 * dot for _, name, _ in entries) > room:
+            entries = [
+                (color, str(number) if several else name, failed)
+                for number, (color, name, failed) in enumerate(entries, start=1)
+            ]
+        widths = [canvas.text_width(name, size) + 6.5 * dot for _, name, _ in entries]
+        while entries and sum(widths) > room:
+            entries.pop()
+            widths.pop()
+        column = right - sum(widths) + 3.0 * dot
+        for (color, name, failed), width in zip(entries, widths, strict=True):
+            canvas.circle(color, (column, row), dot, width=1.0 if color == TARGET else 0.0)
+            canvas.text(FAILED if failed else TEXT, name, (column + 2.2 * dot, row), size, align="left")
+            column += width
+
+
+def craft_color(number: int) -> Color:
+    """The colour of a craft, counted from 0."""
+    return CRAFT[number % len(CRAFT)]
+
+
+def _widened(values: FloatArray, least: float) -> tuple[float, float]:
+    """The range of ``values``, widened about its middle to at least ``least``."""
+    low, high = float(values.min()), float(values.max())
+    missing = max(0.0, least - (high - low))
+    return low - missing / 2, high + missing / 2
