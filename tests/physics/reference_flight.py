@@ -55,10 +55,10 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from closed_forms import cross, orbit_radius, product, rotation_matrix
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from tests.physics.closed_forms import cross, orbit_radius, product, rotation_matrix
 
 from thruster_envs.faults import Fault
 from thruster_envs.spacecraft import Spacecraft
@@ -319,25 +319,26 @@ class Valve:
     level: float = 0.0
 
     def command(
-        self, on_time: float, minimum_pulse: float, opening_delay: float, closing_delay: float
+        self, on_time: float, period: float, minimum_pulse: float, opening_delay: float, closing_delay: float
     ) -> None:
-        """Take the command of the present period, s."""
+        """Take the command of the present period; all in s."""
         if on_time == 0.0 or on_time < minimum_pulse:
             self.in_run = False
-        elif self.in_run:
+            return
+        if self.in_run:
             self.pulses[-1].closes = on_time + closing_delay  # its opening lies behind it, or still before it
         else:
             self.pulses.append(Pulse(opening_delay, on_time + closing_delay))
+        self.in_run = on_time == period
 
-    def end_period(self, period: float, in_run: bool, level: float) -> None:
+    def end_period(self, period: float, level: float) -> None:
         """Count times from the start of the next period, and forget the pulses that are over."""
-        self.in_run = in_run
         self.level = level
         for pulse in self.pulses:
             pulse.opens -= period
             pulse.closes -= period
-        last = self.pulses[-1:] if in_run else []
-        others = self.pulses[:-1] if in_run else self.pulses
+        last = self.pulses[-1:] if self.in_run else []
+        others = self.pulses[:-1] if self.in_run else self.pulses
         self.pulses = [pulse for pulse in others if pulse.closes > 0.0] + last
 
     def open_stretches(self) -> list[tuple[float, float]]:
@@ -427,12 +428,11 @@ class Firing:
         for index, (thruster, valve) in enumerate(zip(self.spacecraft.thrusters, self.valves, strict=True)):
             opening_delay = thruster.opening_delay + self.late_opening(index, period_start)
             on_time = float(duties[index]) * period
-            valve.command(on_time, thruster.minimum_pulse, opening_delay, thruster.closing_delay)
+            valve.command(on_time, period, thruster.minimum_pulse, opening_delay, thruster.closing_delay)
             lines = valve_level(valve.level, valve.open_stretches(), thruster.rise_time, thruster.fall_time)
             # A jump at the very end of the period belongs to the next one.
             level_at_end = [line for line in lines if line.start < period][-1].at(period)
-            commanded_to_the_end = on_time == period and on_time >= thruster.minimum_pulse
-            valve.end_period(period, commanded_to_the_end, level_at_end)
+            valve.end_period(period, level_at_end)
             all_lines.append(lines)
 
         cuts = {0.0, period}
