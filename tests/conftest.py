@@ -1,0 +1,7 @@
+"""Settings of the whole test suite."""
+
+from hypothesis import settings
+
+# Compilation makes first examples slow, and a suite that fails must fail again: no deadline, the same examples each time.
+settings.register_profile("suite", deadline=None, derandomize=True)
+settings.load_profile("suite")
