@@ -197,9 +197,10 @@ def _pivot_to_optimum(
 
     Variables 0..n-1 are the thrusters, scaled by the largest entry of their weighted column, n..n+m-1 the
     slacks, in units of their cost. Row r of the tableau Y = B^-1 [K A, I] belongs to the basic variable
-    basis[r], whose value is x[r] and whose largest value is ceiling[r]. The last row z holds the reduced costs
-    c_B Y_j - c_j of the thrusters and the multipliers of the slacks, which may enter with either sign at unit
-    cost: worth it when |z_k| > 1. A thruster outside the basis stands at zero (sign 1) or its bound (sign -1).
+    basis[r], whose value is x[r] and whose largest value is ceiling[r]. The last row z holds the reduced
+    costs c_B Y_j - c_j of the thrusters and the multipliers of the slacks, which may enter with either sign
+    at unit cost: worth it when |z_k| > 1. A thruster outside the basis stands at zero (sign 1) or at its
+    bound (sign -1).
     """
     m, n = A.shape
     Y = scratch[: m + 1]

@@ -1,0 +1,49 @@
+"""The clipped pseudo-inverse: the textbook mapper that does not know that a thruster cannot pull.
+
+On-times are the least-squares solution of A u = T of smallest norm, and what of it is negative or too long
+is cut off. With thrusters that only push, half of the solution is usually lost. Kept as the floor of
+comparisons; the minimum-norm-and-shift map mends it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thruster_baselines.mapping.model import ClosedFormMapper, matrix_times_vector
+from thruster_envs.protocols import FloatArray
+
+__all__ = ["PseudoInverseMapper", "minimum_norm_inverse"]
+
+
+class PseudoInverseMapper(ClosedFormMapper):
+    """Minimum-norm on-times, clipped to what thrusters can do.
+
+    Args:
+        spacecraft: Description, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        max_on_time: (n,) or one number, s; a spacecraft's default is its control period.
+
+    >>> mapper = PseudoInverseMapper([[1.0, -1.0]], max_on_time=5.0)
+    >>> mapper([2.0]).on_times
+    array([1., 0.])
+    """
+
+    def _prepare(self, effectiveness: FloatArray) -> tuple[FloatArray, ...]:
+        return (minimum_norm_inverse(effectiveness),)
+
+    def _on_times(self, command: FloatArray, *prepared: FloatArray) -> FloatArray:
+        (inverse,) = prepared
+        return matrix_times_vector(inverse, command)
+
+
+def minimum_norm_inverse(effectiveness: FloatArray) -> FloatArray:
+    """The matrix (..., n, m) from a command to its least-squares on-times of smallest norm, of either sign.
+
+    Axes are weighed by their largest effectiveness, so that m and rad can be added where not all can be met.
+
+    Args:
+        effectiveness: (..., m, n), m/s^2 then rad/s^2.
+    """
+    largest = np.abs(effectiveness).max(axis=-1)
+    weight = np.where(largest > 0.0, 1.0 / np.where(largest > 0.0, largest, 1.0), 0.0)
+    inverse = np.linalg.pinv(effectiveness * weight[..., np.newaxis]) * weight[..., np.newaxis, :]
+    return np.asarray(inverse, dtype=np.float64)
