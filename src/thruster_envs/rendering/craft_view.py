@@ -41,14 +41,13 @@ from thruster_envs.rendering.scene import CraftScene
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Piece = tuple[float, Callable[[], None]]  # depth, how to draw it
+Face = tuple[int, list[list[float]], Color]  # number, outline in pixels of the surface, colour
 
 EYE = np.array([0.42, -0.52, -0.80]) / np.linalg.norm([0.42, -0.52, -0.80])  # direction in LVLH
 EYE_DISTANCE = 5.5  # in radii of the sphere that holds the craft
 LIGHT = np.array([0.80, -0.55, -0.42]) / np.linalg.norm([0.80, -0.55, -0.42])
 AMBIENT = 0.30
-FILLED_SHARE = (
-    1.08  # of the panel's height by the sphere that holds the craft, whose outermost parts it seldom shows
-)
+FILLED_SHARE = 0.97  # of the panel, by the sphere that holds the craft
 
 FRAME: Color = (150, 158, 178)
 CELLS: Color = (36, 66, 130)
@@ -138,7 +137,7 @@ class CraftView:
         self._box: Box = (left + 1, top + 1, width - 2, height - 2)
         self._centre = np.array([left + width / 2, top + caption + (height - caption) / 2])
         self._distance = EYE_DISTANCE * model.reach
-        room = min(width, FILLED_SHARE * (height - caption)) / 2
+        room = FILLED_SHARE * min(width, height - caption) / 2
         self._focal_length = room * math.sqrt(self._distance**2 - model.reach**2) / model.reach
         right = np.cross(-EYE, [1.0, 0.0, 0.0])
         right /= np.linalg.norm(right)
@@ -385,50 +384,57 @@ class CraftView:
             self._canvas.lines(color, view.project(stations[-1] + radii[-1] * circle), width=0.8)
 
     def _draw_numbers(self, view: View, craft: CraftScene, taken: list[pygame.Rect]) -> None:
-        """Every thruster's number beside its nozzle where there is room; failed ones ringed, and always."""
+        """Rings and numbers of failed thrusters; numbers of the others that are seen and have room."""
         model, layout, canvas = self._model, self._layout, self._canvas
         middles = (model.positions + model.exits) / 2
         places = view.project(middles).tolist()
-        in_front = self._in_front(view, middles).tolist()
+        hidden = self._behind_body(view, middles).tolist()
         depths = view.depth(middles).tolist()
         radii = (0.62 * np.linalg.norm(model.exits - model.positions, axis=1) * view.scale(middles)).tolist()
-        nozzles = []
+        obstacles = []  # numbers stand clear of these if they can
         for outline in view.project(model.nozzles.corners[:, -1]).tolist():
             columns, rows = [point[0] for point in outline], [point[1] for point in outline]
-            nozzles.append(_rectangle(min(columns), min(rows), max(columns), max(rows)))
-        bounds = _rectangle(
-            self._box[0], self._box[1], self._box[0] + self._box[2], self._box[1] + self._box[3]
-        )
+            obstacles.append(_rectangle(min(columns), min(rows), max(columns), max(rows)))
+        for index in np.flatnonzero(craft.faulty).tolist():
+            radius = radii[index] + 3.0 * layout.scale
+            canvas.circle(FAILED, places[index], radius, width=2.0)
+            column, row = places[index]
+            obstacles.append(_rectangle(column - radius, row - radius, column + radius, row + radius))
+        left, top, width, height = self._box
+        bounds = _rectangle(left, top, left + width, top + height)
         for index in sorted(range(len(places)), key=lambda index: (not craft.faulty[index], depths[index])):
-            failed = bool(craft.faulty[index])
-            text, place = str(index + 1), places[index]
+            failed, text = bool(craft.faulty[index]), str(index + 1)
+            if hidden[index] and not failed:
+                continue
             size = layout.text_size if failed else layout.small_size
-            if failed:
-                canvas.circle(FAILED, place, radii[index] + 3.0 * layout.scale, width=2.0)
             across = canvas.text_width(text, size) + (11 if failed else 2)
             down = round(0.72 * size) + (5 if failed else 1)
             clear = radii[index] + 0.55 * max(across, down) + 4.0 * layout.scale
-            candidates = _around(place, self._centre.tolist(), clear, across, down)
-            if failed:
-                candidates = [candidate.clamp(bounds) for candidate in candidates]
-            free = [
-                candidate
-                for candidate in candidates
-                if bounds.contains(candidate) and candidate.collidelist(taken) < 0
+            boxes = [
+                box.clamp(bounds) for box in _around(places[index], view.centre.tolist(), clear, across, down)
             ]
+            free = [box for box in boxes if box.collidelist(taken) < 0]
             if not free and not failed:
                 continue
-            clear_of_nozzles = [candidate for candidate in free if candidate.collidelist(nozzles) < 0]
-            rectangle = (clear_of_nozzles or free or candidates)[0]
-            taken.append(rectangle)
+            box = next((box for box in free if box.collidelist(obstacles) < 0), (free or boxes)[0])
+            taken.append(box)
             if failed:
-                box = (rectangle.x, rectangle.y, rectangle.width, rectangle.height)
-                canvas.rectangle(FAILED, box, radius=rectangle.height / 2)
-                canvas.text(PANEL, text, rectangle.center, size)
+                canvas.rectangle(FAILED, (box.x, box.y, box.width, box.height), radius=box.height / 2)
+                canvas.text(PANEL, text, box.center, size)
             else:
-                color = TEXT if craft.thrust[index] >= FAINTEST_THRUST else MUTED
-                color = color if in_front[index] else blend(PANEL, color, 0.5)
-                canvas.text(color, text, rectangle.center, size)
+                firing = craft.thrust[index] >= FAINTEST_THRUST
+                canvas.text(TEXT if firing else MUTED, text, box.center, size)
+
+    def _behind_body(self, view: View, points: FloatArray) -> BoolArray:
+        """(n,) whether the body hides points (n, 3) outside it."""
+        box = self._model.box
+        covered = np.zeros(len(points), dtype=np.bool_)
+        for face in view.project(box.corners[0, view.faces_eye(box)[0]]):
+            edges = np.roll(face, -1, axis=0) - face
+            sides = view.project(points)[:, None] - face
+            turns = edges[:, 0] * sides[..., 1] - edges[:, 1] * sides[..., 0]
+            covered |= (turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)
+        return covered & ~self._in_front(view, points)
 
     def _draw_axes(self, view: View) -> list[pygame.Rect]:
         """The body's axes at the lower left, those of the frame at the lower right; gives what they cover."""
@@ -460,24 +466,28 @@ class CraftView:
     ) -> None:
         """Three arrows along the rows of ``directions`` (camera axes), the nearest drawn last."""
         size = self._layout.small_size
-        for axis in np.argsort(directions[:, 2]).tolist():
+        order = np.argsort(directions[:, 2]).tolist()
+        tips = [(origin[0] + length * right, origin[1] - length * up) for right, up, _ in directions.tolist()]
+        for axis in order:
+            self._canvas.line(colors[axis], origin, tips[axis], width=1.6)
+            self._canvas.circle(colors[axis], tips[axis], 0.09 * length)
+        taken: list[pygame.Rect] = []
+        for axis in reversed(order):
             right, up = directions[axis, :2].tolist()
-            tip = (origin[0] + length * right, origin[1] - length * up)
-            self._canvas.line(colors[axis], origin, tip, width=1.6)
-            self._canvas.circle(colors[axis], tip, 0.09 * length)
-            if (
-                len(names[axis]) > 1 and right > 0.4
-            ):  # a word is set beside an arrow to the right, below one to the left
-                self._canvas.text(colors[axis], names[axis], (tip[0] + 6, tip[1]), size, align="left")
-            elif len(names[axis]) > 1 and right < -0.4:
-                self._canvas.text(colors[axis], names[axis], (tip[0] - 2, tip[1] + 0.75 * size), size)
-            else:
-                beyond = 0.6 * size / max(math.hypot(right, up), 1e-9)
-                middle = (tip[0] + beyond * right, tip[1] - beyond * up)
-                self._canvas.text(colors[axis], names[axis], middle, size)
-
-
-Face = tuple[int, list[list[float]], Color]
+            width = self._canvas.text_width(names[axis], size)
+            distance = max(math.hypot(right, up), 1e-9)
+            column, row = (
+                tips[axis][0] + 0.6 * size * right / distance,
+                tips[axis][1] - 0.6 * size * up / distance,
+            )
+            if len(names[axis]) > 1 and right > 0.4:  # a word is set beside an arrow to the right
+                column, row = tips[axis][0] + 6.0 + width / 2, tips[axis][1]
+            elif len(names[axis]) > 1 and right < -0.4:  # and below one to the left
+                column, row = tips[axis][0] - 2.0, tips[axis][1] + 0.75 * size
+            place = _rectangle(column - width / 2, row - 0.3 * size, column + width / 2, row + 0.3 * size)
+            if place.collidelist(taken) < 0:
+                taken.append(place)
+                self._canvas.text(colors[axis], names[axis], (column, row), size)
 
 
 def _depth_of(piece: Piece) -> float:
