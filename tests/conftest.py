@@ -2,6 +2,7 @@
 
 from hypothesis import settings
 
-# Compilation makes first examples slow, and a suite that fails must fail again: no deadline, the same examples each time.
+# Compilation makes first examples slow, hence no deadline; a suite that fails must fail again, hence the same
+# examples each time.
 settings.register_profile("suite", deadline=None, derandomize=True)
 settings.load_profile("suite")

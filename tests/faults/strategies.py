@@ -1,0 +1,28 @@
+"""Random faults, for property tests."""
+
+import math
+
+from hypothesis import strategies as st
+
+from thruster_envs.faults import KINDS, PROFILES, Fault
+
+SHARES = st.floats(0.0, 1.0)
+LARGEST = {"misalignment": math.pi / 2, "late_opening": 100.0}
+
+
+@st.composite
+def faults(draw, number_of_craft=3, number_of_thrusters=12):
+    """Any fault that a fleet of this size can have."""
+    kind = draw(st.sampled_from(KINDS))
+    return Fault(
+        draw(st.integers(1, number_of_thrusters)),
+        kind,
+        severity=draw(SHARES) * LARGEST.get(kind, 1.0),
+        onset=draw(st.floats(0.0, 1e5)),
+        duration=draw(st.just(math.inf) | st.floats(1e-3, 1e5)),
+        profile="step" if kind == "intermittent" else draw(st.sampled_from(PROFILES)),
+        profile_time=draw(st.floats(1e-3, 1e4)),
+        dwell=draw(st.floats(0.01, 1.0)),
+        azimuth=draw(st.floats(-10.0, 10.0)),
+        craft=draw(st.integers(1, number_of_craft)),
+    )

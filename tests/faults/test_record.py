@@ -1,0 +1,96 @@
+"""What a fault can be, and what it cannot."""
+
+import dataclasses
+import json
+import math
+import re
+
+import pytest
+from hypothesis import given
+
+from tests.faults.strategies import faults
+from thruster_envs.faults import FULL_SCALE, KINDS, PROFILES, Fault, as_faults
+
+
+def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
+    assert KINDS == ("stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent")
+    assert PROFILES == ("step", "ramp", "sine", "intermittent")
+
+
+def test_fault_is_total_at_once_and_for_good_unless_told_otherwise():
+    fault = Fault(1, "stuck_off")
+    assert (fault.severity, fault.onset, fault.duration, fault.profile) == (1.0, 0.0, math.inf, "step")
+    assert fault == Fault(thruster=1, kind="stuck_off", craft=1)
+
+
+def test_intermittent_fault_comes_and_goes():
+    assert Fault(1, "intermittent").profile == "intermittent"
+    assert Fault(1, "intermittent").profile_time == 20.0
+    assert Fault(1, "intermittent", profile_time=3.0).profile_time == 3.0
+
+
+def test_every_kind_has_a_full_scale():
+    assert set(FULL_SCALE) == set(KINDS)
+    assert (FULL_SCALE["loss"], FULL_SCALE["misalignment"], FULL_SCALE["late_opening"]) == (
+        1.0,
+        math.pi / 2,
+        5.0,
+    )
+
+
+def test_faults_are_values():
+    assert len({Fault(1, "loss", severity=0.5), Fault(1, "loss", severity=0.5), Fault(2, "loss")}) == 2
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Fault(1, "loss").severity = 0.1
+    with pytest.raises(TypeError):
+        Fault(1, "loss", 0.5)
+
+
+@given(faults())
+def test_faults_survive_json(fault):
+    assert as_faults(json.loads(json.dumps(dataclasses.asdict(fault)))) == (fault,)
+
+
+BAD = {
+    "thruster from 0": ({"thruster": 0}, "thruster is 0; a number from 1 would be right"),
+    "half a thruster": ({"thruster": 1.5}, "thruster is 1.5; a whole number would be right"),
+    "craft from 0": ({"craft": 0}, "craft is 0; a number from 1 would be right"),
+    "unknown kind": ({"kind": "stuck_of"}, "kind 'stuck_of' is unknown; did you mean 'stuck_off'?"),
+    "unlike any kind": ({"kind": "xyzzy"}, "kind 'xyzzy' is unknown; known are stuck_off, stuck_on, loss"),
+    "unknown profile": ({"profile": "rampp"}, "profile 'rampp' is unknown; did you mean 'ramp'?"),
+    "share above 1": ({"severity": 1.5}, "severity of a 'stuck_off' fault is 1.5; a share from 0 to 1"),
+    "negative share": ({"severity": -0.1}, "severity of a 'stuck_off' fault is -0.1; a share from 0 to 1"),
+    "NaN severity": ({"severity": math.nan}, "severity is NaN; a number would be right"),
+    "tilt beyond a right angle": (
+        {"kind": "misalignment", "severity": 1.6},
+        "severity of a 'misalignment' fault is 1.6; an angle from 0 to pi/2 rad would be right",
+    ),
+    "never opening": (
+        {"kind": "late_opening", "severity": math.inf},
+        "severity of a 'late_opening' fault is inf; a finite number of s, zero or more",
+    ),
+    "negative onset": ({"onset": -1.0}, "onset is -1.0; a finite number of s, zero or more"),
+    "no onset": ({"onset": math.inf}, "onset is inf; a finite number of s"),
+    "no duration": ({"duration": 0.0}, "duration is 0.0; a positive number of s, or inf"),
+    "ramp without a time": (
+        {"profile": "ramp"},
+        "profile_time of a 'ramp' profile is 0.0; a positive number of s would be right",
+    ),
+    "sine without a time": ({"profile": "sine"}, "profile_time of a 'sine' profile is 0.0"),
+    "wave without a time": ({"profile": "intermittent"}, "profile_time of a 'intermittent' profile is 0.0"),
+    "negative time": ({"profile_time": -1.0}, "profile_time is -1.0; a finite number of s, zero or more"),
+    "intermittent with a ramp": (
+        {"kind": "intermittent", "profile": "ramp", "profile_time": 1.0},
+        "profile is 'ramp'; 'intermittent', as the kind is, would be right",
+    ),
+    "no dwell": ({"dwell": 0.0}, "dwell is 0.0; a share above 0 and up to 1 would be right"),
+    "dwell above 1": ({"dwell": 1.1}, "dwell is 1.1; a share above 0 and up to 1"),
+    "infinite azimuth": ({"azimuth": math.inf}, "azimuth is inf; a finite number of rad would be right"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD.values(), ids=BAD.keys())
+def test_impossible_faults_are_refused_in_one_clear_line(changes, message):
+    with pytest.raises(ValueError, match=re.escape(message)) as refusal:
+        Fault(**{"thruster": 1, "kind": "stuck_off", **changes})
+    assert "\n" not in str(refusal.value)
