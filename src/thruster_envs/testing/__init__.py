@@ -5,13 +5,21 @@ PettingZoo `ParallelEnv`. They need NumPy and Gymnasium only (PettingZoo where a
 id).
 """
 
+from thruster_envs.testing.parallel.checker import (
+    PARALLEL_CHECK_NAMES,
+    check_parallel_env,
+    check_parallel_env_seed,
+)
 from thruster_envs.testing.report import CheckFailed, CheckResult, Report
 from thruster_envs.testing.vector.checker import VECTOR_CHECK_NAMES, check_vector_env
 
 __all__ = [
+    "PARALLEL_CHECK_NAMES",
     "VECTOR_CHECK_NAMES",
     "CheckFailed",
     "CheckResult",
     "Report",
+    "check_parallel_env",
+    "check_parallel_env_seed",
     "check_vector_env",
 ]

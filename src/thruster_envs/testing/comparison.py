@@ -161,6 +161,31 @@ def first_shared(one: Any, other: Any, where: str, other_where: str) -> tuple[st
     return None
 
 
+def first_shared_part(parts: Mapping[str, Any], other_parts: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Find the first thing that the parts of two return values share: its place in each, or None."""
+    for name, part in parts.items():
+        for other_name, other_part in other_parts.items():
+            shared = first_shared(part, other_part, name, other_name)
+            if shared is not None:
+                return shared
+    return None
+
+
+def overwrite_arrays(data: Any) -> None:
+    """Write something else into every array of a nest that can be written to."""
+    if isinstance(data, Mapping):
+        for value in data.values():
+            overwrite_arrays(value)
+    elif isinstance(data, (list, tuple)) or (isinstance(data, np.ndarray) and data.dtype == object):
+        for value in data:
+            overwrite_arrays(value)
+    elif isinstance(data, np.ndarray) and data.flags.writeable:
+        if data.dtype.kind == "b":
+            np.logical_not(data, out=data)
+        elif data.dtype.kind in "iufc":
+            data[...] = np.where(data == 99, 98, 99).astype(data.dtype)
+
+
 def show(value: Any) -> str:
     """Print a value on one short line: NumPy numbers as plain ones, long things cut."""
     if isinstance(value, np.generic):

@@ -144,10 +144,16 @@ class Flight:
         none_done = np.zeros(self.env.num_envs, dtype=np.bool_)
         return Moment(where, self.steps, deepcopy(observations), deepcopy(infos), none_done, starts)
 
-    def step(self, actions: Any) -> list[Moment]:
-        """Call `step`, and reset what ended if that is left to the user: one or two moments."""
+    def step(self, actions: Any, hand_over: bool = False) -> list[Moment]:
+        """Call `step`, and reset what ended if that is left to the user: one or two moments.
+
+        Args:
+            actions: The batch of actions; the environment gets a copy of it.
+            hand_over: Whether the environment gets the very object instead.
+        """
         over = self._over
-        observations, rewards, terminations, truncations, infos = self.env.step(actions)
+        given = actions if hand_over else deepcopy(actions)
+        observations, rewards, terminations, truncations, infos = self.env.step(given)
         self.steps += 1
         done = np.array(terminations, dtype=np.bool_) | np.array(truncations, dtype=np.bool_)
         starts = {
@@ -337,8 +343,16 @@ def copy_difference(
         if difference is not None:
             return difference
     return first_difference(
-        info_of_copy(without_ignored(subject, moment.infos), copy),
-        info_of_copy(without_ignored(subject, right.infos), right_copy),
+        _info_of_copy(subject, moment, copy),
+        _info_of_copy(subject, right, right_copy),
         "info",
         subject.tolerance,
     )
+
+
+def _info_of_copy(subject: VectorSubject, moment: Moment, copy: int) -> dict[str, Any]:
+    """Take out the info of a copy, with the final ones where its episode ended and only there."""
+    infos = without_ignored(subject, moment.infos)
+    if not moment.done[copy]:
+        infos = {key: value for key, value in infos.items() if key not in FINAL_KEYS}
+    return info_of_copy(infos, copy)

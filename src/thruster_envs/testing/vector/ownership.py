@@ -6,7 +6,7 @@ Gymnasium 1.4 demands of single environments that observations and infos are fre
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from copy import deepcopy
 from itertools import chain, combinations, pairwise
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from thruster_envs.testing.comparison import first_difference, first_shared
+from thruster_envs.testing.comparison import first_difference, first_shared_part, overwrite_arrays
 from thruster_envs.testing.report import fail
 from thruster_envs.testing.vector.flights import (
     Flight,
@@ -47,7 +47,7 @@ def check_returned_data_is_not_shared(subject: VectorSubject) -> None:
     with subject.vector() as env:
         calls = list(_raw_calls(subject, env, subject.steps))
     for (where, parts), (other_where, other_parts) in chain(combinations(calls[:6], 2), pairwise(calls[5:])):
-        shared = _shared(parts, other_parts)
+        shared = first_shared_part(parts, other_parts)
         if shared is not None:
             fail(
                 where,
@@ -74,7 +74,7 @@ def check_returned_data_may_be_written(subject: VectorSubject) -> None:
                         "return copies of the state, not the state",
                     )
             for part in parts.values():
-                _overwrite(part)
+                overwrite_arrays(part)
 
 
 def check_actions_are_left_alone(subject: VectorSubject) -> None:
@@ -85,7 +85,7 @@ def check_actions_are_left_alone(subject: VectorSubject) -> None:
         undisturbed.reset(seed=subject.seed)
         for batch in subject.actions(env):
             given = deepcopy(batch)
-            moments = flight.step(given)
+            moments = flight.step(given, hand_over=True)
             difference = first_difference(given, batch, "actions")
             if difference is not None:
                 fail(
@@ -94,7 +94,7 @@ def check_actions_are_left_alone(subject: VectorSubject) -> None:
                     "caller's array",
                     "work on a copy of the actions",
                 )
-            _overwrite(given)
+            overwrite_arrays(given)
             for moment, right in zip(moments, undisturbed.step(batch), strict=True):
                 difference = moment_difference(subject, moment, right)
                 if difference is not None:
@@ -129,27 +129,3 @@ def _raw_calls(subject: VectorSubject, env: AnyVectorEnv, steps: int) -> Iterato
                 f"reset of the ended copies after step {step}",
                 {"observations": observations, "infos": infos},
             )
-
-
-def _shared(parts: Mapping[str, Any], other_parts: Mapping[str, Any]) -> tuple[str, str] | None:
-    for name, part in parts.items():
-        for other_name, other_part in other_parts.items():
-            shared = first_shared(part, other_part, name, other_name)
-            if shared is not None:
-                return shared
-    return None
-
-
-def _overwrite(data: Any) -> None:
-    """Write something else into every array of a nest that can be written to."""
-    if isinstance(data, Mapping):
-        for value in data.values():
-            _overwrite(value)
-    elif isinstance(data, (list, tuple)) or (isinstance(data, np.ndarray) and data.dtype == object):
-        for value in data:
-            _overwrite(value)
-    elif isinstance(data, np.ndarray) and data.flags.writeable:
-        if data.dtype.kind == "b":
-            np.logical_not(data, out=data)
-        elif data.dtype.kind in "iufc":
-            data[...] = np.where(data == 99, 98, 99).astype(data.dtype)
