@@ -46,4 +46,5 @@ def minimum_norm_inverse(effectiveness: FloatArray) -> FloatArray:
     largest = np.abs(effectiveness).max(axis=-1)
     weight = np.where(largest > 0.0, 1.0 / np.where(largest > 0.0, largest, 1.0), 0.0)
     inverse = np.linalg.pinv(effectiveness * weight[..., np.newaxis]) * weight[..., np.newaxis, :]
-    return np.asarray(inverse, dtype=np.float64)
+    acting = np.abs(effectiveness).max(axis=-2) > 0.0  # no round-off for a thruster that does nothing
+    return np.where(acting[..., np.newaxis], inverse, 0.0)

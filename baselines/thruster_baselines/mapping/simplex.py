@@ -211,10 +211,10 @@ def _pivot_to_optimum(
     magnitude = _start(T, A, U, c, K, Y, z, x, ceiling, sign, bound, scale, ratio, basis)
     if not magnitude < np.inf:
         return NOT_FINITE
-    if magnitude == 0.0:
-        _read_off(T, A, U, u, s, x, sign, scale, basis)
-        return OPTIMAL
     tie = _TIE * magnitude
+    if magnitude == 0.0:
+        _read_off(T, A, U, u, s, x, ceiling, sign, scale, basis, tie)
+        return OPTIMAL
 
     stalled = 0
     patience = m + n
@@ -222,7 +222,7 @@ def _pivot_to_optimum(
         careful = stalled >= patience
         j, gain = _entering(z, sign, m, n, careful)
         if j < 0:
-            _read_off(T, A, U, u, s, x, sign, scale, basis)
+            _read_off(T, A, U, u, s, x, ceiling, sign, scale, basis, tie)
             return OPTIMAL
         if j < n:
             direction, room = sign[j], bound[j]
@@ -407,18 +407,25 @@ def _read_off(
     u: FloatArray,
     s: FloatArray,
     x: FloatArray,
+    ceiling: FloatArray,
     sign: FloatArray,
     scale: FloatArray,
     basis: IntArray,
+    tie: float,
 ) -> None:
-    """On-times of the final basis, and the slack that they leave."""
+    """On-times of the final basis, and the slack that they leave; round-off opens or closes no thruster."""
     m, n = A.shape
     for j in range(n):
         u[j] = U[j] if sign[j] < 0.0 else 0.0
     for r in range(m):
         j = basis[r]
         if j < n:
-            u[j] = min(max(x[r] / scale[j], 0.0), U[j])
+            if x[r] <= tie:
+                u[j] = 0.0
+            elif x[r] >= ceiling[r] - tie:
+                u[j] = U[j]
+            else:
+                u[j] = min(x[r] / scale[j], U[j])
     for k in range(m):
         rest = T[k]
         for j in range(n):
