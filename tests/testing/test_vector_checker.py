@@ -38,7 +38,7 @@ def test_a_defect_is_caught_by_the_check_made_for_it_and_by_no_other(broken):
     report = check_vector_env(
         broken.make_vector,
         broken.make_single,
-        steps=30,
+        steps=40,
         autoreset_modes=broken.modes,
         raise_failures=False,
         **broken.arguments,

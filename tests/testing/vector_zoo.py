@@ -246,7 +246,7 @@ class PunishesWithoutBound(DriftVector):
         return rewards
 
 
-@caught_by("episodes_end", "30 steps: no episode ended", max_episode_steps=10_000)
+@caught_by("episodes_end", "40 steps: no episode ended", max_episode_steps=10_000)
 class NeverEnds(DriftVector):
     def __init__(self, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP, max_episode_steps=8):
         super().__init__(num_envs, autoreset_mode, max_episode_steps)

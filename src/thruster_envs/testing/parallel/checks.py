@@ -238,7 +238,8 @@ def check_seeds_differ(subject: ParallelSubject) -> None:
         fail(
             f"reset(seed={subject.seed}) and reset(seed={subject.other_seed})",
             f"the reset and {steps} steps are identical",
-            "make reset(seed=...) seed the generator that the environment draws from",
+            "make reset(seed=...) seed the generator that the environment draws from, or skip this check if "
+            "nothing in the environment is random",
         )
 
 
@@ -263,7 +264,8 @@ def check_reset_goes_on(subject: ParallelSubject) -> None:
         fail(
             f"reset() after reset(seed={subject.seed})",
             f"three times in a row the reset and {steps} steps repeat the first ones",
-            "seed only when seed is not None, and let the generator go on otherwise",
+            "seed only when seed is not None and let the generator go on otherwise, or skip this check if "
+            "nothing is random",
         )
 
 

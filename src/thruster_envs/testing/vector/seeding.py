@@ -62,7 +62,8 @@ def check_seeds_differ(subject: VectorSubject) -> None:
         fail(
             f"reset(seed={subject.seed}) and reset(seed={subject.other_seed})",
             f"the reset and {len(actions)} steps are identical",
-            "make reset(seed=...) seed the generator that the environment draws from",
+            "make reset(seed=...) seed the generator that the environment draws from, or skip this check if "
+            "nothing in the environment is random",
         )
 
 
@@ -79,7 +80,7 @@ def check_copies_differ(subject: VectorSubject) -> None:
                 fail(
                     f"reset(seed={subject.seed})",
                     f"copies {one} and {other}, given the same actions, are identical for {len(same)} steps",
-                    "seed copy i with seed + i, not all copies alike",
+                    "seed copy i with seed + i, not all copies alike, or skip this check if nothing is random",
                 )
 
 
@@ -112,7 +113,8 @@ def check_reset_goes_on(subject: VectorSubject) -> None:
                 fail(
                     f"reset() after reset(seed={subject.seed}), copy {copy}",
                     f"three episodes in a row repeat the first one for {count} steps",
-                    "seed only when seed is not None, and let the generator go on otherwise",
+                    "seed only when seed is not None and let the generator go on otherwise, or skip this check if "
+                    "nothing is random",
                 )
 
 
