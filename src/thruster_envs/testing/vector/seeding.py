@@ -80,7 +80,7 @@ def check_copies_differ(subject: VectorSubject) -> None:
                 fail(
                     f"reset(seed={subject.seed})",
                     f"copies {one} and {other}, given the same actions, are identical for {len(same)} steps",
-                    "seed copy i with seed + i, not all copies alike, or skip this check if nothing is random",
+                    "seed copy i with seed + i, not all alike, or skip this check if nothing is random",
                 )
 
 
@@ -113,8 +113,8 @@ def check_reset_goes_on(subject: VectorSubject) -> None:
                 fail(
                     f"reset() after reset(seed={subject.seed}), copy {copy}",
                     f"three episodes in a row repeat the first one for {count} steps",
-                    "seed only when seed is not None and let the generator go on otherwise, or skip this check if "
-                    "nothing is random",
+                    "seed only when seed is not None and let the generator go on otherwise, or skip this "
+                    "check if nothing is random",
                 )
 
 
