@@ -13,6 +13,7 @@ objects that compare neither by `==` nor as arrays.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,6 +185,18 @@ def overwrite_arrays(data: Any) -> None:
             np.logical_not(data, out=data)
         elif data.dtype.kind in "iufc":
             data[...] = np.where(data == 99, 98, 99).astype(data.dtype)
+
+
+def snapshot(data: Any) -> Any:
+    """Copy a nest with everything in it, as `copy.deepcopy` does, but faster for dictionaries of arrays."""
+    kind = type(data)
+    if kind is np.ndarray and data.dtype != object:
+        return data.copy()
+    if kind is dict:
+        return {key: snapshot(value) for key, value in data.items()}
+    if kind is tuple or kind is list:
+        return kind(map(snapshot, data))
+    return data if kind in (bool, int, float, str, type(None)) else deepcopy(data)
 
 
 def show(value: Any) -> str:

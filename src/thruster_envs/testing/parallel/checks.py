@@ -24,6 +24,7 @@ from thruster_envs.testing.comparison import (
     first_shared_part,
     overwrite_arrays,
     show,
+    snapshot,
 )
 from thruster_envs.testing.parallel.flights import (
     PARTS,
@@ -150,7 +151,7 @@ def check_numbers_are_finite(subject: ParallelSubject) -> None:
 
 def check_returned_data_stays(subject: ParallelSubject) -> None:
     """What a call returned does not change when the environment is used further."""
-    kept = [(moment.where, moment.parts, deepcopy(moment.parts)) for moment in _raw_flight(subject)]
+    kept = [(moment.where, moment.parts, snapshot(moment.parts)) for moment in _raw_flight(subject)]
     for where, parts, copies in kept:
         for name, part in parts.items():
             difference = first_difference(part, copies[name], name)
@@ -184,7 +185,7 @@ def check_actions_are_left_alone(subject: ParallelSubject) -> None:
         moments = [flight.reset(subject.seed)]
         for _ in range(subject.steps):
             actions = flight.actions()
-            given = deepcopy(actions)
+            given = snapshot(actions)
             moments.append(flight.step(given))
             difference = first_difference(given, actions, "actions")
             if difference is not None:

@@ -23,7 +23,7 @@ from typing import Any, Protocol
 
 import gymnasium as gym
 
-from thruster_envs.testing.comparison import Difference, first_difference
+from thruster_envs.testing.comparison import Difference, first_difference, snapshot
 
 PARTS = ("observations", "rewards", "terminations", "truncations", "infos")
 
@@ -120,7 +120,7 @@ class ParallelFlight:
         keep: What is done with a return value before it is kept; by default it is copied.
     """
 
-    def __init__(self, env: AnyParallelEnv, seed: int, keep: Callable[[Any], Any] = deepcopy) -> None:
+    def __init__(self, env: AnyParallelEnv, seed: int, keep: Callable[[Any], Any] = snapshot) -> None:
         self.env = env
         self.steps = 0
         self._keep = keep

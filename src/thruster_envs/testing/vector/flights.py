@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
-from thruster_envs.testing.comparison import Difference, first_difference, info_of_copy
+from thruster_envs.testing.comparison import Difference, first_difference, info_of_copy, snapshot
 from thruster_envs.testing.report import NotApplicable
 from thruster_envs.testing.vector.makers import AnyEnv, AnyVectorEnv, VectorFactory
 
@@ -142,7 +141,7 @@ class Flight:
         self._over = self._over & ~starts
         where = where or ("reset" if self.steps == 0 else f"reset after step {self.steps}")
         none_done = np.zeros(self.env.num_envs, dtype=np.bool_)
-        return Moment(where, self.steps, deepcopy(observations), deepcopy(infos), none_done, starts)
+        return Moment(where, self.steps, snapshot(observations), snapshot(infos), none_done, starts)
 
     def step(self, actions: Any, hand_over: bool = False) -> list[Moment]:
         """Call `step`, and reset what ended if that is left to the user: one or two moments.
@@ -152,7 +151,7 @@ class Flight:
             hand_over: Whether the environment gets the very object instead.
         """
         over = self._over
-        given = actions if hand_over else deepcopy(actions)
+        given = actions if hand_over else snapshot(actions)
         observations, rewards, terminations, truncations, infos = self.env.step(given)
         self.steps += 1
         done = np.array(terminations, dtype=np.bool_) | np.array(truncations, dtype=np.bool_)
@@ -165,13 +164,13 @@ class Flight:
         moment = Moment(
             where=f"step {self.steps}",
             step=self.steps,
-            observations=deepcopy(observations),
-            infos=deepcopy(infos),
+            observations=snapshot(observations),
+            infos=snapshot(infos),
             done=done,
             starts=starts,
-            rewards=deepcopy(rewards),
-            terminations=deepcopy(terminations),
-            truncations=deepcopy(truncations),
+            rewards=snapshot(rewards),
+            terminations=snapshot(terminations),
+            truncations=snapshot(truncations),
         )
         if self.autoreset_mode is AutoresetMode.DISABLED and done.any():
             where = f"reset of the ended copies after step {self.steps}"
@@ -237,7 +236,7 @@ class SingleCopy:
         self.episode = 1 if seed is not None else self.episode + 1
         self._over = False
         observation, info = self.env.reset(seed=seed)
-        return Expected(deepcopy(observation), deepcopy(info))
+        return Expected(snapshot(observation), snapshot(info))
 
     def step(self, action: Any) -> Expected:
         """Step, with the resets that the autoreset mode puts in."""
@@ -245,7 +244,7 @@ class SingleCopy:
             return replace(self.reset(), reward=0.0)
         observation, reward, terminated, truncated, info = self.env.step(action)
         last = Expected(
-            deepcopy(observation), deepcopy(info), float(reward), bool(terminated), bool(truncated)
+            snapshot(observation), snapshot(info), float(reward), bool(terminated), bool(truncated)
         )
         self._over = last.done
         if not last.done or self.autoreset_mode is not AutoresetMode.SAME_STEP:

@@ -7,14 +7,13 @@ Gymnasium 1.4 demands of single environments that observations and infos are fre
 from __future__ import annotations
 
 from collections.abc import Iterator
-from copy import deepcopy
 from itertools import chain, combinations, pairwise
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from thruster_envs.testing.comparison import first_difference, first_shared_part, overwrite_arrays
+from thruster_envs.testing.comparison import first_difference, first_shared_part, overwrite_arrays, snapshot
 from thruster_envs.testing.report import fail
 from thruster_envs.testing.vector.flights import (
     Flight,
@@ -29,7 +28,7 @@ from thruster_envs.testing.vector.makers import AnyVectorEnv
 def check_returned_data_stays(subject: VectorSubject) -> None:
     """What a call returned does not change when the environment is used further."""
     with subject.vector() as env:
-        kept = [(where, parts, deepcopy(parts)) for where, parts in _raw_calls(subject, env, subject.steps)]
+        kept = [(where, parts, snapshot(parts)) for where, parts in _raw_calls(subject, env, subject.steps)]
     for where, parts, copies in kept:
         for name, part in parts.items():
             difference = first_difference(part, copies[name], name)
@@ -84,7 +83,7 @@ def check_actions_are_left_alone(subject: VectorSubject) -> None:
         flight.reset(seed=subject.seed)
         undisturbed.reset(seed=subject.seed)
         for batch in subject.actions(env):
-            given = deepcopy(batch)
+            given = snapshot(batch)
             moments = flight.step(given, hand_over=True)
             difference = first_difference(given, batch, "actions")
             if difference is not None:
