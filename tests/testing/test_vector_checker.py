@@ -149,6 +149,11 @@ def test_a_registered_native_environment_is_checked_by_its_id_alone():
     assert len(outcomes(report, "passed")) == len(report.results) == 3 * IN_EVERY_MODE + IN_ONE_MODE
 
 
+def test_an_id_may_name_the_module_that_registers_it():
+    report = check_vector_env("gymnasium.envs:CartPole-v1", only=["spaces"])
+    assert outcomes(report, "passed") == ["spaces [NEXT_STEP]"]
+
+
 def test_small_differences_pass_within_a_tolerance():
     class Rounding(DriftVector):
         def rewards(self, actions):

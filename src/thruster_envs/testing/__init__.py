@@ -1,7 +1,7 @@
 """Checkers for environments, yours as well as those of this package.
 
 `check_vector_env` checks a native Gymnasium `VectorEnv`, `check_parallel_env` and `check_parallel_env_seed` a
-PettingZoo `ParallelEnv`. They need NumPy and Gymnasium only (PettingZoo where an environment is named by its id).
+PettingZoo `ParallelEnv`. They need NumPy and Gymnasium only (PettingZoo for an environment named by its id).
 
     check_vector_env("thruster_envs/OrionRendezvous-v0", max_episode_steps=20)  # make_vec beside make, by id
     check_vector_env(MyVectorEnv, MyEnv)                                        # classes or functions

@@ -6,6 +6,7 @@ or tried out where the signature takes anything.
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -14,7 +15,7 @@ from functools import partial
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AutoresetMode
 
 AnyVectorEnv = gym.vector.VectorEnv[Any, Any, Any]
@@ -64,7 +65,7 @@ def single_factory(
     kwargs: Mapping[str, Any],
 ) -> Callable[[], AnyEnv] | None:
     """Find out how the single environment is made; an id names the vector and the single one."""
-    if make_single is None and isinstance(make_vector, str) and gym.spec(make_vector).entry_point is not None:
+    if make_single is None and isinstance(make_vector, str) and _spec(make_vector).entry_point is not None:
         make_single = make_vector
     if make_single is None:
         return None
@@ -82,6 +83,14 @@ def single_factory(
 _VECTOR_ONLY = frozenset({"vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode", "num_envs"})
 
 
+def _spec(env_id: str) -> EnvSpec:
+    """Look an id up as `gymnasium.make` does: `module:id` imports the module first."""
+    module, _, name = env_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    return gym.spec(name)
+
+
 def _make_single(env_id: str, wrappers: Sequence[Any], kwargs: Mapping[str, Any]) -> AnyEnv:
     env: AnyEnv = gym.make(env_id, **{"disable_env_checker": True, **kwargs})
     for wrapper in wrappers:
@@ -90,7 +99,7 @@ def _make_single(env_id: str, wrappers: Sequence[Any], kwargs: Mapping[str, Any]
 
 
 def _factory_from_id(env_id: str, kwargs: Mapping[str, Any]) -> VectorFactory:
-    spec = gym.spec(env_id)
+    spec = _spec(env_id)
     mode = kwargs.get("vectorization_mode")
     entry_point = spec.vector_entry_point
     if entry_point is not None and mode in (None, "vector_entry_point"):
