@@ -1,0 +1,201 @@
+"""Fuel-optimal rendezvous, planned directly in thruster on-times.
+
+The plan is one linear program over all remaining periods: on-times of every thruster in every period, least
+firing time, relative motion by the Hill-Clohessy-Wiltshire equations, no rotation commanded in any period,
+a target state at the end. Planning in on-times, and not in rate changes with limits per axis, is what keeps
+the plan within what a damaged craft can still do: after a fault the axes share their authority (Yang 2003,
+section 6; reconstruction of its planner).
+
+Modelled: the craft keeps its body axes on LVLH; on-times act as a constant force over their period. Left
+out: the feed coupling (`thruster_baselines.control.coupling` makes up for it, and `max_on_time` leaves room
+for that), the placement of a pulse within its period, mass depletion, constraints along the way.
+
+The end state carries a slack, so that there is always a plan: if the target is out of reach, the one that
+comes nearest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+
+from thruster_baselines.guidance.hcw import force_response, transition_matrix
+from thruster_baselines.mapping.model import Model
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["RendezvousPlan", "RendezvousPlanner"]
+
+_SHARE_OF_PERIOD = 0.9  # of the source: the rest is for making up losses
+_VELOCITY_UNIT = 0.01  # m/s that count as much as 1 m at the end
+
+
+@dataclass(frozen=True, slots=True)
+class RendezvousPlan:
+    """On-times for the periods to come, and the motion that follows from them.
+
+    Attributes:
+        on_times: (steps, n), s.
+        rate_changes: (steps, 6), m/s then rad/s per period, body axes; the last three are zero.
+        states: (steps + 1, 6), m then m/s, LVLH, from the present one on.
+        miss: (6,), last state minus target, m then m/s.
+    """
+
+    on_times: FloatArray
+    rate_changes: FloatArray
+    states: FloatArray
+    miss: FloatArray
+
+    @property
+    def firing_time(self) -> float:
+        """Sum of all on-times, s."""
+        return float(self.on_times.sum())
+
+    @property
+    def delta_v(self) -> float:
+        """Sum of the absolute translational rate changes over axes and periods, m/s."""
+        return float(np.abs(self.rate_changes[:, :3]).sum())
+
+
+class RendezvousPlanner:
+    """Plans the least firing time from any state to a target state, in any number of periods.
+
+    Args:
+        spacecraft: What the plan is for; six axes.
+        max_on_time: (n,) or one number, s; by default 90 % of the control period.
+        target: (6,), state to end in, m then m/s, LVLH.
+        tolerance: (6,), half-width of the box about the target in which all end states are equally good.
+        miss_cost: What 1 m (or 0.01 m/s) outside that box costs, s of firing. Large, so that reaching it
+            comes first.
+        delta_v_cost: What 1 m/s of translational rate change costs besides its firing time, s. Zero plans
+            for least propellant; a large value for least delta-v, as the source does.
+
+    >>> from thruster_envs.spacecraft import load
+    >>> plan = RendezvousPlanner(load("orion"))([300.0, 0.0, 0.0, 0.0, 0.0, 0.0], steps=571)
+    >>> round(plan.firing_time, 1)
+    352.6
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        max_on_time: ArrayLike | None = None,
+        target: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        tolerance: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        miss_cost: float = 1e4,
+        delta_v_cost: float = 0.0,
+    ) -> None:
+        self.period = spacecraft.control_period
+        self.mean_motion = spacecraft.mean_motion
+        if max_on_time is None:
+            max_on_time = _SHARE_OF_PERIOD * spacecraft.control_period
+        self._model = Model.of(spacecraft, max_on_time)
+        self.target = _state(target, "target")
+        self.tolerance = _state(tolerance, "tolerance")
+        if (self.tolerance < 0.0).any():
+            raise ValueError(
+                f"tolerance is {self.tolerance.tolist()}; six numbers, zero or more, would be right"
+            )
+        for name, value in (("miss_cost", miss_cost), ("delta_v_cost", delta_v_cost)):
+            if not 0.0 <= value < np.inf:
+                raise ValueError(f"{name} is {value}; a finite number of s, zero or more, would be right")
+        self.miss_cost = miss_cost
+        self.delta_v_cost = delta_v_cost
+        self._transition = transition_matrix(self.mean_motion, self.period)
+        self._response = force_response(self.mean_motion, self.period) / self.period
+
+    def __call__(
+        self,
+        state: ArrayLike,
+        steps: int,
+        *,
+        effectiveness: ArrayLike | None = None,
+        max_on_time: ArrayLike | None = None,
+    ) -> RendezvousPlan:
+        """Plan the remaining periods.
+
+        Args:
+            state: (6,), present relative state, m then m/s, LVLH.
+            steps: Periods that remain; none gives an empty plan.
+            effectiveness: (6, n), believed instead of the spacecraft's own, m/s^2 then rad/s^2.
+            max_on_time: (n,), instead of the planner's own, s.
+
+        Raises:
+            ValueError: A state that is not six finite numbers, or a model that cannot be.
+            RuntimeError: HiGHS found no optimum; not known to happen.
+        """
+        start = _state(state, "state")
+        if steps < 0:
+            raise ValueError(f"steps is {steps}; zero or more would be right")
+        model = self._model.overridden(effectiveness, max_on_time)
+        on_times = self._optimum(start, steps, model) if steps > 0 else np.zeros((0, model.max_on_time.size))
+        rate_changes = on_times @ model.effectiveness.T
+        states = np.empty((steps + 1, 6))
+        states[0] = start
+        for k in range(steps):
+            states[k + 1] = self._transition @ states[k] + self._response @ rate_changes[k, :3]
+        return RendezvousPlan(on_times, rate_changes, states, states[-1] - self.target)
+
+    def _optimum(self, start: FloatArray, steps: int, model: Model) -> FloatArray:
+        """On-times (steps, n) of the linear program.
+
+        Variables: on-times by period; the shortfall of each end-state component, above and below; what of the
+        tolerance is used; and, if delta-v has a price, its positive and negative parts by period.
+        """
+        n = model.max_on_time.size
+        row_scale = np.repeat([1.0, 1.0 / _VELOCITY_UNIT], 3)
+        reach = np.empty((steps, 6, 3))  # end state per m/s in period k
+        to_end = np.eye(6)
+        for k in range(steps - 1, -1, -1):
+            reach[k] = to_end @ self._response
+            to_end = to_end @ self._transition
+        end_per_on_time = (row_scale[:, np.newaxis] * (reach @ model.effectiveness[:3])).transpose(1, 0, 2)
+        end_rows = [
+            scipy.sparse.csr_array(end_per_on_time.reshape(6, steps * n)),
+            scipy.sparse.eye_array(6),
+            -scipy.sparse.eye_array(6),
+            scipy.sparse.eye_array(6),
+        ]
+        periods = scipy.sparse.eye_array(steps)
+        rotation = model.effectiveness[3:] / np.maximum(np.abs(model.effectiveness[3:]).max(), 1e-300)
+        rotation_rows = [scipy.sparse.kron(periods, scipy.sparse.csr_array(rotation)), None, None, None]
+        rows = [end_rows, rotation_rows]
+        cost = [np.ones(steps * n), np.full(12, self.miss_cost), np.zeros(6)]
+        lower = [np.zeros(steps * n), np.zeros(12), -self.tolerance * row_scale]
+        upper = [np.tile(model.max_on_time, steps), np.full(12, np.inf), self.tolerance * row_scale]
+        right = [row_scale * (self.target - to_end @ start), np.zeros(3 * steps)]
+        if self.delta_v_cost > 0.0:
+            unit = 1.0 / np.maximum(np.abs(model.effectiveness[:3]).max(), 1e-300)
+            parts = scipy.sparse.eye_array(3 * steps)
+            for row in rows:
+                row += [None, None]
+            translation = scipy.sparse.csr_array(model.effectiveness[:3] * unit)
+            rows.append([scipy.sparse.kron(periods, translation), None, None, None, -parts, parts])
+            cost.append(np.full(6 * steps, self.delta_v_cost / unit))
+            lower.append(np.zeros(6 * steps))
+            upper.append(np.full(6 * steps, np.inf))
+            right.append(np.zeros(3 * steps))
+        answer = linprog(
+            np.concatenate(cost),
+            A_eq=scipy.sparse.block_array(rows, format="csr"),
+            b_eq=np.concatenate(right),
+            bounds=np.column_stack([np.concatenate(lower), np.concatenate(upper)]),
+            method="highs",
+        )
+        if answer.status != 0:
+            raise RuntimeError(
+                f"HiGHS found no rendezvous plan from {start.tolist()} in {steps} steps: {answer.message}"
+            )
+        on_times: FloatArray = np.clip(answer.x[: steps * n].reshape(steps, n), 0.0, model.max_on_time)
+        return on_times
+
+
+def _state(given: ArrayLike, name: str) -> FloatArray:
+    values = np.array(given, dtype=np.float64)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise ValueError(f"{name} is {values.tolist()}; six finite numbers, m then m/s, would be right")
+    return values
