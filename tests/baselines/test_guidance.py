@@ -31,7 +31,7 @@ def test_closed_form_solves_the_equations_of_motion(duration):
     n = ORION.mean_motion
 
     def motion(_, state):
-        x, y, z, u, v, w, *force = state
+        x, _, z, u, v, w, *force = state
         acceleration = (2 * n * v + 3 * n * n * x, -2 * n * u, -n * n * z)
         return [u, v, w, *(a + f for a, f in zip(acceleration, force, strict=True)), 0, 0, 0]
 
@@ -95,7 +95,7 @@ def test_open_loop_the_feed_coupling_ruins_the_plan(nominal):
             delivered += ORION.effectiveness()[:, together].sum(axis=1) * (until - before) * loss
             before = until
         state = TRANSITION @ state + RESPONSE @ delivered[:3]
-    # Reported: completely off the plan. (841 m if the four thrusters of period 12 lose 18 % for the whole of it.)
+    # Reported: "completely off". (841 m if the four thrusters of period 12 lose 18 % to its very end.)
     assert np.linalg.norm(state[:3]) == pytest.approx(821.0, abs=1.0)
 
 
