@@ -5,6 +5,9 @@ faults of :mod:`thruster_envs.faults`; and one propellant feed shared by all, th
 of the others, in proportion to how far it is open (Yang 2003, section 2.4: 6 % on Orion). The period is cut at every corner of every valve
 level and of every fault; inside a piece all levels are linear in time.
 
+Consecutive commands that last to the end of their periods are one run, with one opening delay. A pulse that would open after the end of its
+period is lost.
+
 Leaves out plume impingement, pulse-to-pulse memory (thermal or hydraulic), water hammer, and depletion inside a period (a craft whose
 propellant is used up at the start of a period does not fire in it).
 

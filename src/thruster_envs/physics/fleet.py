@@ -6,16 +6,18 @@ start, commands duties and flies a period.
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.faults import FaultDistribution
+from thruster_envs.faults import Fault, FaultDistribution, encode
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.physics import firing, flight
@@ -33,6 +35,15 @@ FEW_CRAFT, MANY_CRAFT = 6, 1024
 
 #: Length of the longest integration sub-step, s: errors stay a thousand times below Orion's sensor noise over half an orbit.
 DEFAULT_SUBSTEP = 1.0
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """Encoded faults of a world: rows (craft, slots, 9) if given, or the table of the distribution from which they are drawn."""
+
+    rows: FloatArray
+    table: FloatArray
+    drawn: bool
 
 
 class Fleet:
@@ -67,6 +78,7 @@ class Fleet:
         announce_compilation()
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
+        self.everyone = np.arange(worlds)
         self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
         self.blocks = -(-bodies // self.lanes)
         self.layout = at.Layout(spacecraft.number_of_thrusters)
@@ -78,7 +90,6 @@ class Fleet:
         self.data[:, at.MASS] = spacecraft.mass
         self.thrusters = _thruster_constants(spacecraft)
         self.constants = _scalar_constants(spacecraft, max_substep)
-        self.believed = spacecraft.effectiveness()
         self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
         self._tilts = _tilted_wrenches(spacecraft)
         inertia = np.array(spacecraft.inertia)
@@ -91,13 +102,41 @@ class Fleet:
         corners = spacecraft.number_of_thrusters * (
             firing.CORNERS_WITH_DYNAMICS if self._dynamic else firing.CORNERS
         )
-        self._networks = (
+        without, within = (
             _sorting_network(corners),
             _sorting_network(corners + firing.FAULT_CORNERS * slots),
         )
+        self._network, self._without_faults = np.concatenate((without, within)), len(without)
         self._kernel = flight.fly_singly if self.lanes == 1 else flight.fly_blocks
         cores = os.cpu_count() or 1
-        self.threads = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+        wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+        self.threads = max(1, min(wanted, self.blocks))
+        edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
+        #: The blocks that each thread works on: (first, one past the last).
+        self.shares: list[tuple[int, int]] = list(zip(edges[:-1], edges[1:], strict=True))
+
+    def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
+        """Faults in the form in which :meth:`begin` takes them.
+
+        Raises:
+            ValueError: A craft or thruster that does not exist, more faults than slots, or a dwell that is shorter than can be followed.
+        """
+        n, period = self.layout.thrusters, self.spacecraft.control_period
+        if isinstance(source, FaultDistribution):
+            shortest = source.profile_time[0]
+            waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
+            table, rows = source.encode(n, self.craft), np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
+            if source.count[1] > self.slots:
+                raise ValueError(f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right")
+        else:
+            rows, table = encode(source, self.craft, n, self.slots), np.zeros(1)
+            dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
+            shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
+        if waves and shortest < period:
+            raise ValueError(
+                f"profile_time of an intermittent fault is {shortest:g} s; at least the control period, {period:g} s, would be right"
+            )
+        return FaultPlan(rows, table, isinstance(source, FaultDistribution))
 
     # What tasks do with it -----------------------------------------------------------------------------------------
 
@@ -106,7 +145,7 @@ class Fleet:
         which: NDArray[np.int64],
         keys: NDArray[np.uint64],
         episodes: NDArray[np.uint64],
-        faults: FloatArray | FaultDistribution,
+        faults: FaultPlan,
     ) -> None:
         """Put the craft of some worlds back to the start of an episode: at rest at the origin, whole, with their faults.
 
@@ -114,18 +153,11 @@ class Fleet:
             which: (k,), the worlds.
             keys: (worlds, 2), low and high half of every world's seed.
             episodes: (worlds,), number of the episode that begins, from 0.
-            faults: Rows (craft, slots, 9) for each of these worlds or (k, craft, slots, 9), or what to draw them from.
+            faults: What they carry, or from what it is drawn, as :meth:`plan` gives it.
         """
-        n = self.layout.thrusters
-        if isinstance(faults, FaultDistribution):
-            rows, drawn = np.zeros((1, self.craft, self.slots, len(code.FAULT_FIELDS))), True
-            table = faults.encode(n, self.craft)
-        else:
-            rows, drawn = faults if faults.ndim == 4 else faults[np.newaxis], False
-            table = np.zeros(1)
         _begin(
             self.data, self.faults, self.streams, which, keys, episodes, self.craft,
-            self.spacecraft.mass, self.wrenches, self._tilts, rows, table, drawn,
+            self.spacecraft.mass, self.wrenches, self._tilts, faults.rows, faults.table, faults.drawn,
         )  # fmt: skip
 
     def look(self, which: NDArray[np.int64]) -> None:
@@ -137,22 +169,16 @@ class Fleet:
 
         ``move`` False fires the thrusters (impulse, delivered on-times) and leaves the craft where they are.
         """
-        for first, last in self.shares():
-            if self.threads == 1:
-                self._fly(move, first, last)
-        if self.threads > 1:
-            run_shared(self.threads, lambda first, last: self._fly(move, first, last), self.shares())
+        if self.threads == 1:
+            self._fly(move, 0, self.blocks)
+        else:
+            run_shared(lambda first, last: self._fly(move, first, last), self.shares)
 
     def _fly(self, move: bool, first: int, last: int) -> None:
         self._kernel(
-            self.data, self.faults, self.streams, self.thrusters, self.constants, self.believed,
-            self._networks, *self._inertia, self._radius, self._dynamic, move, first, last,
+            self.data, self.faults, self.streams, self.thrusters, self.constants, self._network, self._without_faults,
+            *self._inertia, self._radius, self._dynamic, move, first, last,
         )  # fmt: skip
-
-    def shares(self) -> list[tuple[int, int]]:
-        """The blocks that each thread works on: (first, one past the last)."""
-        edges = np.linspace(0, self.blocks, min(self.threads, self.blocks) + 1).astype(int).tolist()
-        return list(zip(edges[:-1], edges[1:], strict=True))
 
     # Reading and writing by world and craft ------------------------------------------------------------------------
 
@@ -185,10 +211,10 @@ class Fleet:
             getattr(self, name)[...] = array
 
 
-def run_shared(threads: int, work: object, shares: Sequence[tuple[int, int]]) -> None:
+def run_shared(work: Callable[[int, int], None], shares: Sequence[tuple[int, int]]) -> None:
     """Call ``work(first, last)`` for every share, each in a thread of its own; the first one in this thread."""
-    waiting = [_pool(threads).submit(work, *share) for share in shares[1:]]  # type: ignore[arg-type]
-    work(*shares[0])  # type: ignore[operator]
+    waiting = [_pool(len(shares)).submit(work, *share) for share in shares[1:]]
+    work(*shares[0])
     for one in waiting:
         one.result()
 
@@ -214,6 +240,7 @@ def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
         rows[at.FALL_RATE, i] = 1.0 / thruster.fall_time if thruster.fall_time > 0.0 else _AT_ONCE
         rows[at.SCATTER, i] = thruster.scatter
         rows[at.FLOW_PER_THRUST, i] = 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY)
+    rows[at.BELIEVED : at.BELIEVED + 6] = spacecraft.effectiveness()
     return rows
 
 
@@ -280,7 +307,7 @@ def _comparators(size: int) -> Iterator[tuple[int, int]]:
 def _begin(
     data, faults, streams, which, keys, episodes, craft, mass, wrenches, tilts, rows, table, drawn
 ):  # fmt: skip
-    n, lanes, width = wrenches.shape[0], data.shape[2], rows.shape[3]
+    n, lanes, width = wrenches.shape[0], data.shape[2], rows.shape[2]
     slots = faults.shape[2]
     fresh = np.zeros((craft, slots, width))
     for k in range(which.shape[0]):
@@ -288,18 +315,18 @@ def _begin(
         if drawn:
             draw_faults(fresh, table, n, episodes[world], keys[world, 0], keys[world, 1])
         else:
-            fresh[:] = rows[k if rows.shape[0] > 1 else 0]
+            fresh[:] = rows
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w] = keys[world, 0], keys[world, 1]
             streams[b, at.EPISODE, w], streams[b, at.CRAFT, w] = episodes[world], c
-            for row in range(at.SCALARS + 4 * n):
+            for row in range(at.SCALARS + 5 * n):
                 data[b, row, w] = 0.0
             data[b, at.ATTITUDE, w], data[b, at.MEASURED + 6, w] = 1.0, 1.0
             data[b, at.MASS, w] = mass
             for i in range(n):
                 for row in range(6):
-                    data[b, at.SCALARS + 4 * n + 6 * i + row, w] = wrenches[i, row]
+                    data[b, at.SCALARS + 5 * n + 6 * i + row, w] = wrenches[i, row]
             for slot in range(slots):
                 for column in range(width):
                     faults[b, w, slot, column] = fresh[c, slot, column]

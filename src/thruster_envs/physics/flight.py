@@ -28,18 +28,18 @@ _R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
 # Rows of the sums over thrusters at one node of a piece (start, middle, end): body wrench, mass flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
-_BEFORE, _LENGTH, _START, _CLOCK = 0, 1, 2, 3
+_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CLOCK = 0, 1, 2, 3, 4, 5, 6
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start, middle and end.
 _H, _LOAD, _ENTRY = 0, 7, 22
 # Per-thruster groups of rows of the valves: command and carry-over, true strength, nominal duration.
-_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _VALVE_GROUPS = 0, 1, 2, 3, 4, 5, 6, 7
+_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 # Per-thruster groups of rows of the nodes: valve level, gain and thrust (share of nominal), three nodes each.
 _Q_NODE, _GAIN, _THRUST, _NODE_GROUPS = 0, 3, 6, 9
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def fly_blocks(
-    data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly, first, last
+    data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly, first, last
 ):
     """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
 
@@ -63,14 +63,14 @@ def fly_blocks(
     sight = np.zeros((SIGHT_ROWS, 32))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def fly_singly(
-    data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly, first, last
+    data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly, first, last
 ):
     """The same as :func:`fly_blocks` for blocks of one craft."""
     n, slots = thrusters.shape[1], faults.shape[2]
@@ -89,14 +89,14 @@ def fly_singly(
     sight = np.zeros((SIGHT_ROWS, 1))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
 
 @njit(forceinline=True)
 def _fly_block(
-    b, data, faults, streams, thrusters, constants, believed, networks, inertia, inverse, radius, dynamic, fly,
+    b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
     corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
 ):  # fmt: skip
     n = thrusters.shape[1]
@@ -107,14 +107,14 @@ def _fly_block(
             state[k, w] = data[b, k, w]
     for k in range(6 * n):
         for w in range(lanes):
-            columns[k, w] = data[b, at.SCALARS + 4 * n + k, w]
+            columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
     _draw(b, data, streams, words, n)
     faulted, ramping = _faults_of_period(b, faults, clock, period)
     _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, words, valves, state)
     used = _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, valves, corners, clock)
-    firing.sort_rows(corners, networks[1 if faulted else 0])
+    firing.sort_rows(corners, network[without_faults:] if faulted else network[:without_faults])
     for k in range(_SUMS):
         for w in range(lanes):
             impulse[k, w] = 0.0
@@ -130,31 +130,27 @@ def _fly_block(
         clock[_BEFORE, w] = 0.0
         cursor[w] = 0
     for s in range(used + 1):
-        longest = 0.0
-        for w in range(lanes):
-            after = corners[s, w] if s < used else period
-            length = after - clock[_BEFORE, w]
-            clock[_LENGTH, w] = length
-            longest = length if length > longest else longest
-        if longest <= 0.0:
-            continue
-        _levels(valves, clock, thrusters, dynamic, node_count, nodes)
-        if faulted:
-            _apply_faults(b, faults, clock, node_count, nodes, n)
-        _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
-        if faulted:
-            _tilt(b, faults, clock, columns, node_count, nodes, sums, n)
-        _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
-        if fly:
-            _schedule(max_substep, clock, node_count, sums, schedule, cursor)
-        for w in range(lanes):
-            clock[_BEFORE, w] += clock[_LENGTH, w]
+        for part in range(_parts(s, used, period, max_substep, corners, clock)):
+            for w in range(lanes):
+                length = clock[_PIECE, w] / clock[_PARTS, w]
+                clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
+            _levels(valves, clock, thrusters, dynamic, node_count, nodes)
+            if faulted:
+                _apply_faults(b, faults, clock, node_count, nodes, n)
+            _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
+            if faulted:
+                _tilt(b, faults, clock, columns, node_count, nodes, sums, n)
+            _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
+            if fly:
+                _schedule(max_substep, clock, node_count, sums, schedule, cursor)
+            for w in range(lanes):
+                clock[_BEFORE, w] += clock[_LENGTH, w]
     if fly:
         _integrate(constants[at.MEAN_MOTION], inertia, inverse, radius, node_count, schedule, cursor, state)
     _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
     if fly:
         _finish(b, data, state)
-        expected_change(b, data, constants, believed, valves, _NOMINAL * n, sight)
+        expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
         look(b, data, constants, inertia, inverse, words, state, sight)
 
 
@@ -181,6 +177,7 @@ def _faults_of_period(b, faults, clock, period):
     faulted, ramping = False, False
     for w in range(clock.shape[1]):
         start = clock[_START, w]
+        clock[_WAVES, w] = 0.0
         for k in range(faults.shape[2]):
             if (
                 faults[b, w, k, code.FIELD_KIND] > 0.0
@@ -190,7 +187,28 @@ def _faults_of_period(b, faults, clock, period):
                 faulted = True
                 profile = faults[b, w, k, code.FIELD_PROFILE]
                 ramping |= profile == code.RAMP or profile == code.SINE
+                if profile == code.SINE:
+                    clock[_WAVES, w] = 1.0
     return faulted, ramping
+
+
+@njit(forceinline=True)
+def _parts(s, used, period, max_substep, corners, clock):
+    """Length of piece ``s`` of each craft, and into how many equal parts it goes; returns the most of these, 0 if no craft has such a piece.
+
+    A piece is one part, unless a fault with a sine profile bends the thrust: then a part is no longer than a sub-step.
+    """
+    most, longest = 1.0, 0.0
+    for w in range(clock.shape[1]):
+        after = corners[s, w] if s < used else period
+        length = after - clock[_BEFORE, w]
+        clock[_PIECE, w] = length
+        longest = length if length > longest else longest
+        parts = math.ceil(length / max_substep) if clock[_WAVES, w] > 0.0 else 1.0
+        parts = parts if parts > 1.0 else 1.0
+        clock[_PARTS, w] = parts
+        most = parts if parts > most else most
+    return int(most) if longest > 0.0 else 0
 
 
 @njit(forceinline=True)
@@ -205,9 +223,8 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, wor
             duty = data[b, at.SCALARS + i, w]
             on_time = duty * period
             on_time = on_time if on_time >= minimum else 0.0
-            on_time = on_time if state[_M, w] > dry_mass else 0.0
-            held = (data[b, at.SCALARS + 2 * n + i, w] > 1.5) & (on_time > 0.0)
-            opening = 0.0 if held else opening_delay
+            held = data[b, at.SCALARS + 2 * n + i, w]
+            opening = held - 1.0 if held >= 1.0 else opening_delay
             closing = on_time + closing_delay if on_time > 0.0 else 0.0
             nominal = closing - opening
             valves[_OPENS * n + i, w] = opening
@@ -220,39 +237,39 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, wor
                 if i + 1 < n:
                     valves[_STRENGTH * n + i + 1, w] = second
         for w in range(lanes):
-            valves[_STRENGTH * n + i, w] = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
+            strength = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
+            valves[_STRENGTH * n + i, w] = strength if state[_M, w] > dry_mass else 0.0
     if faulted:
         for w in range(lanes):
             _late_openings(b, w, faults, data, period, valves, n)
+    for i in range(n):
+        for w in range(lanes):
+            valves[_RUN * n + i, w] = valves[_OPENS * n + i, w]
     if dynamic:
         for i in range(n):
             for w in range(lanes):
-                held_level = data[b, at.SCALARS + 2 * n + i, w]
-                valves[_LEVEL * n + i, w] = held_level - 2.0 if held_level > 1.5 else held_level
-                tail = data[b, at.SCALARS + 3 * n + i, w]
-                tail = tail if tail < period else period
-                opening = valves[_OPENS * n + i, w]
-                closing = valves[_CLOSES * n + i, w]
-                opening = opening if opening > tail else tail
-                pulse = (closing > opening) & (opening < period)
-                valves[_TAIL * n + i, w] = tail
+                valves[_LEVEL * n + i, w] = data[b, at.SCALARS + 3 * n + i, w]
+                tail = data[b, at.SCALARS + 4 * n + i, w]
+                opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
+                merges = (closing > opening) & (opening <= tail)
+                pulse = (closing > opening) & (opening > tail) & (opening < period)
+                valves[_TAIL * n + i, w] = closing if merges & (closing > tail) else tail
                 valves[_OPENS * n + i, w] = opening if pulse else 2.0 * period
                 valves[_CLOSES * n + i, w] = closing if pulse else 2.0 * period
 
 
 @njit(forceinline=True)
 def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
-    """What the period left behind: delivered on-times, impulse, open time, and the valves as the next period finds them.
-
-    The level row carries 2 more where the command lasted to the end of the period: the valve is then held open if the next one goes on.
-    """
+    """What the period left behind: delivered on-times, impulse, open time, and the valves as the next period finds them."""
     lanes = state.shape[1]
     for i in range(n):
+        minimum = thrusters[at.MINIMUM_PULSE, i]
         for w in range(lanes):
             data[b, at.SCALARS + n + i, w] = valves[_DELIVERED * n + i, w]
         for w in range(lanes):
-            held = (data[b, at.SCALARS + i, w] >= 1.0) & (valves[_NOMINAL * n + i, w] > 0.0)
-            data[b, at.SCALARS + 2 * n + i, w] = 2.0 if held else 0.0
+            to_come = valves[_RUN * n + i, w] - period
+            run = (data[b, at.SCALARS + i, w] >= 1.0) & (period >= minimum)
+            data[b, at.SCALARS + 2 * n + i, w] = (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
         if dynamic:
             rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
             for w in range(lanes):
@@ -261,10 +278,9 @@ def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
                 level = firing.valve_level(
                     period, valves[_LEVEL * n + i, w], tail, opening, closing, rise, fall
                 )
-                data[b, at.SCALARS + 2 * n + i, w] += level
-                over = closing - period if (opening < period) & (closing > period) else 0.0
-                older = data[b, at.SCALARS + 3 * n + i, w] - period
-                data[b, at.SCALARS + 3 * n + i, w] = over if over > older else max(older, 0.0)
+                data[b, at.SCALARS + 3 * n + i, w] = level
+                over = (closing if opening < period else tail) - period
+                data[b, at.SCALARS + 4 * n + i, w] = over if over > 0.0 else 0.0
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = impulse[_WRENCH + k, w]
@@ -281,7 +297,7 @@ def _late_openings(b, w, faults, data, period, valves, n):
         fault = faults[b, w, k]
         if fault[code.FIELD_KIND] == code.LATE_OPENING and firing.is_active(fault, start):
             i = int(fault[code.FIELD_THRUSTER])
-            if data[b, at.SCALARS + 2 * n + i, w] < 1.5:
+            if data[b, at.SCALARS + 2 * n + i, w] == 0.0:
                 valves[_OPENS * n + i, w] += firing.severity(fault, start)
 
 

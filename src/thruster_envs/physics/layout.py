@@ -35,7 +35,8 @@ FAULT_WIDTH = FAULT_TILTED + 6
 # Rows of the per-thruster constants, shape (THRUSTER_ROWS, n).
 THRUST, MINIMUM_PULSE, OPENING_DELAY, CLOSING_DELAY = 0, 1, 2, 3
 RISE_RATE, FALL_RATE, SCATTER, FLOW_PER_THRUST = 4, 5, 6, 7  # 1/s, 1/s, share, kg/s per N
-THRUSTER_ROWS = 8
+BELIEVED = 8  # 6, nominal rate change per second of firing, m/s^2 and rad/s^2
+THRUSTER_ROWS = 14
 
 # Entries of the vehicle's scalar constants.
 PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS, NOMINAL_MASS = 0, 1, 2, 3, 4, 5
@@ -65,21 +66,26 @@ class Layout:
         return SCALARS + self.thrusters
 
     @property
+    def held(self) -> int:
+        """First row of the runs: 0, or where the command lasted to the end of the period 1 plus the opening delay still to come, s."""
+        return SCALARS + 2 * self.thrusters
+
+    @property
     def level(self) -> int:
         """First row of the valve levels carried into the next period, 0..1."""
-        return SCALARS + 2 * self.thrusters
+        return SCALARS + 3 * self.thrusters
 
     @property
     def tail(self) -> int:
         """First row of the times for which a valve stays open into the next period, s."""
-        return SCALARS + 3 * self.thrusters
+        return SCALARS + 4 * self.thrusters
 
     @property
     def columns(self) -> int:
         """First row of the true wrenches, thruster by thruster, 6 rows each: N and N m at full nominal thrust."""
-        return SCALARS + 4 * self.thrusters
+        return SCALARS + 5 * self.thrusters
 
     @property
     def fields(self) -> int:
         """Number of rows."""
-        return SCALARS + 10 * self.thrusters
+        return SCALARS + 11 * self.thrusters

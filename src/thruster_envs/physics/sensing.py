@@ -131,13 +131,13 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
 
 
 @njit(forceinline=True)
-def expected_change(b, data, constants, believed, durations, first_row, sight):
+def expected_change(b, data, constants, thrusters, durations, first_row, sight):
     """Rate change that the nominal vehicle gives for the commanded pulses, all starting together, feed coupling included.
 
     A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one; ``durations`` holds ``u`` from ``first_row`` on, ``sight``
     is scratch.
     """
-    n, lanes = believed.shape[1], durations.shape[1]
+    n, lanes = thrusters.shape[1], durations.shape[1]
     coupling = constants[at.COUPLING]
     for k in range(6):
         for w in range(lanes):
@@ -153,7 +153,7 @@ def expected_change(b, data, constants, believed, durations, first_row, sight):
             effective = durations[first_row + i, w] - coupling * sight[6, w]
             sight[6, w] = effective if effective > 0.0 else 0.0
         for k in range(6):
-            column = believed[k, i]
+            column = thrusters[at.BELIEVED + k, i]
             for w in range(lanes):
                 sight[k, w] += column * sight[6, w]
     for k in range(6):

@@ -1,0 +1,35 @@
+"""PettingZoo module of formation keeping, by PettingZoo's convention: ``parallel_env``, ``env`` (one agent at a time) and ``raw_env``.
+
+>>> from thruster_envs import formation_keeping_v0
+>>> env = formation_keeping_v0.parallel_env(craft=2)
+>>> observations, infos = env.reset(seed=0)
+>>> sorted(observations)
+['craft_1', 'craft_2']
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pettingzoo import AECEnv, register, registry
+from pettingzoo.utils.conversions import parallel_to_aec
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+
+from thruster_envs.views.parallel import FormationParallelEnv
+
+__all__ = ["env", "parallel_env", "raw_env"]
+
+
+def parallel_env(**kwargs: Any) -> FormationParallelEnv:
+    """All agents act at once. Arguments as of :class:`~thruster_envs.views.FormationParallelEnv`."""
+    return FormationParallelEnv(**kwargs)
+
+
+def raw_env(**kwargs: Any) -> AECEnv[str, Any, Any]:
+    """Agents act one after another, through PettingZoo's own conversion."""
+    return parallel_to_aec(parallel_env(**kwargs))
+
+
+def env(**kwargs: Any) -> AECEnv[str, Any, Any]:
+    """:func:`raw_env` with a clear error for calls in the wrong order."""
+    return OrderEnforcingWrapper(raw_env(**kwargs))

@@ -1,0 +1,26 @@
+"""The table of ids under which Gymnasium finds the environments."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+
+_MODULE = "thruster_envs.views.environments"
+
+#: Id to class and time limit; the vector form is the class of that name with ``Vector`` before ``Env``.
+ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
+    "thruster_envs/ThrusterMapping-v0": ("ThrusterMapping", 32),
+    "thruster_envs/OrionRendezvous-v0": ("OrionRendezvous", None),
+    "thruster_envs/FormationKeeping-v0": ("FormationKeeping", 120),
+}
+
+
+def register_all() -> None:
+    """Register every id that is not registered yet."""
+    for identifier, (name, limit) in ENVIRONMENTS.items():
+        if identifier not in gym.registry:
+            gym.register(
+                identifier,
+                entry_point=f"{_MODULE}:{name}Env",
+                vector_entry_point=f"{_MODULE}:{name}VectorEnv",
+                max_episode_steps=limit,
+            )

@@ -1,0 +1,17 @@
+"""What there is to do: one module per task, each a configuration and a handful of functions over a batch of worlds."""
+
+from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.formation_keeping import FormationKeeping
+from thruster_envs.tasks.orion_rendezvous import OrionRendezvous
+from thruster_envs.tasks.thruster_mapping import ThrusterMapping
+
+__all__ = [
+    "Feature",
+    "FormationKeeping",
+    "OrionRendezvous",
+    "Outcome",
+    "Task",
+    "TaskState",
+    "ThrusterMapping",
+    "Truth",
+]

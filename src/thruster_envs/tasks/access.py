@@ -1,0 +1,140 @@
+"""Compiled helpers that every task uses: a craft's rows by world and craft, duties in, the oracle view out, observations within their bounds."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thruster_envs.faults import encoding as code
+from thruster_envs.physics import firing
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.attitude import exponential, rotate
+
+
+@njit(forceinline=True)
+def place(world, craft, number_of_craft, lanes):
+    """Block and lane of a craft."""
+    body = world * number_of_craft + craft
+    return body // lanes, body % lanes
+
+
+@njit(error_model="numpy", cache=True)
+def command_duties(data, actions, number_of_craft):
+    """Write the duties (worlds, agents, n), clipped to 0..1, into the rows of the first craft of each world."""
+    lanes = data.shape[2]
+    for world in range(actions.shape[0]):
+        for craft in range(actions.shape[1]):
+            b, w = place(world, craft, number_of_craft, lanes)
+            for i in range(actions.shape[2]):
+                data[b, at.SCALARS + i, w] = min(max(actions[world, craft, i], 0.0), 1.0)
+
+
+@njit(forceinline=True)
+def bounded(x, bound):
+    """A number kept within plus and minus ``bound``, as the observation spaces promise."""
+    return min(max(x, -bound), bound)
+
+
+@njit
+def true_health(faults, b, w, start, period, delivered, closed):
+    """What the faults of a craft make of its thrusters over the coming period: share of the on-time delivered, opening when closed."""
+    delivered[:] = 1.0
+    closed[:] = 0.0
+    middle = start + 0.5 * period
+    for rank in range(3):
+        for k in range(faults.shape[2]):
+            fault = faults[b, w, k]
+            kind = int(fault[code.FIELD_KIND])
+            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
+            if its_rank != rank or not firing.is_active(fault, middle):
+                continue
+            i = int(fault[code.FIELD_THRUSTER])
+            s = firing.severity(fault, middle)
+            if kind == code.STUCK_ON:
+                delivered[i], closed[i] = 0.0, s
+            elif kind == code.LEAK:
+                delivered[i], closed[i] = delivered[i] * (1.0 - s), closed[i] + s * (1.0 - closed[i])
+            elif kind == code.STUCK_OFF or kind == code.INTERMITTENT or kind == code.LOSS:
+                delivered[i], closed[i] = delivered[i] * (1.0 - s), closed[i] * (1.0 - s)
+            elif kind == code.MISALIGNMENT:
+                delivered[i] *= math.cos(s)
+            elif kind == code.LATE_OPENING:
+                delivered[i] *= max(0.0, 1.0 - s / period)
+
+
+@njit(forceinline=True)
+def write_oracle_view(faults, b, w, start, period, row, column):
+    """Write the oracle view, 2 n numbers, into an observation from ``column`` on."""
+    n = (row.shape[0] - column) // 2
+    delivered, closed = np.empty(n), np.empty(n)
+    true_health(faults, b, w, start, period, delivered, closed)
+    for i in range(n):
+        row[column + i] = delivered[i]
+        row[column + n + i] = closed[i]
+
+
+@njit(error_model="numpy", cache=True)
+def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft, worlds):
+    """The vehicle as it truly is in the coming period: rate change per second of commanded on-time (worlds, craft, 6, n), and what comes without command
+    (worlds, craft, 6). Body axes, m/s^2, rad/s^2; m/s, rad/s. Exact for faults that do not change within the period and whose thrust is
+    proportional to the on-time, feed coupling and scatter apart.
+    """  # fmt: skip
+    n, lanes = wrenches.shape[0], data.shape[2]
+    effectiveness, offset = np.zeros((worlds, number_of_craft, 6, n)), np.zeros((worlds, number_of_craft, 6))
+    delivered, closed, column = np.empty(n), np.empty(n), np.empty(6)
+    for world in range(worlds):
+        for craft in range(number_of_craft):
+            b, w = place(world, craft, number_of_craft, lanes)
+            start = data[b, at.STEP, w] * period
+            true_health(faults, b, w, start, period, delivered, closed)
+            for i in range(n):
+                share = delivered[i]
+                for k in range(6):
+                    column[k] = data[b, at.SCALARS + 5 * n + 6 * i + k, w]
+                for slot in range(faults.shape[2]):
+                    fault = faults[b, w, slot]
+                    tilted = (
+                        fault[code.FIELD_KIND] == code.MISALIGNMENT and int(fault[code.FIELD_THRUSTER]) == i
+                    )
+                    if tilted and firing.is_active(fault, start + 0.5 * period):
+                        s = firing.severity(fault, start + 0.5 * period)
+                        share /= math.cos(s)
+                        for k in range(6):
+                            column[k] = math.cos(s) * column[k] + math.sin(s) * fault[at.FAULT_TILTED + k]
+                for k in range(3):
+                    column[k] /= data[b, at.MASS, w]
+                x, y, z = column[3], column[4], column[5]
+                for k in range(3):
+                    column[3 + k] = inverse_inertia[k, 0] * x + inverse_inertia[k, 1] * y + inverse_inertia[k, 2] * z
+                for k in range(6):
+                    effectiveness[world, craft, k, i] = share * column[k]
+                    offset[world, craft, k] += closed[i] * period * column[k]
+    return effectiveness, offset
+
+
+@njit(forceinline=True)
+def attitude_error(q):
+    """Rotation vector (rad, body axes) that is left of the attitude ``q`` against LVLH, by its shorter way; exact for small angles."""
+    sign = 2.0 if q[0] >= 0.0 else -2.0
+    return (-sign * q[1], -sign * q[2], -sign * q[3])
+
+
+@njit(forceinline=True)
+def rate_error(q, rate, mean_motion):
+    """Body rate against LVLH, rad/s in body axes: the frame itself turns at the mean motion about z."""
+    frame = rotate(q, (0.0, 0.0, mean_motion))
+    return (rate[0] - frame[0], rate[1] - frame[1], rate[2] - frame[2])
+
+
+@njit(forceinline=True)
+def disperse_attitude(data, b, w, uniform, angle, rate, mean_motion):
+    """Set the attitude near LVLH and the rate near that of the frame, from six uniform numbers; half-widths in rad and rad/s per axis."""
+    half = 0.5 * angle
+    q = exponential(
+        half * (2.0 * uniform[0] - 1.0), half * (2.0 * uniform[1] - 1.0), half * (2.0 * uniform[2] - 1.0)
+    )
+    frame = rotate(q, (0.0, 0.0, mean_motion))
+    for k in range(4):
+        data[b, at.ATTITUDE + k, w] = q[k]
+    for k in range(3):
+        data[b, at.RATE + k, w] = frame[k] + rate * (2.0 * uniform[3 + k] - 1.0)

@@ -1,0 +1,205 @@
+"""What a task is: a frozen configuration, one structure of arrays, and a handful of functions over a batch of worlds.
+
+A task says what an episode is about. It knows nothing of autoreset, time limits, dictionaries of agents, wrappers or rendering, and nothing in it asks
+whether it serves one world or four thousand; it never mentions faults, which act in the actuator model and nowhere else.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_envs.faults import Fault, FaultDistribution, as_faults
+from thruster_envs.physics.fleet import DEFAULT_SUBSTEP, Fleet
+from thruster_envs.spacecraft import Spacecraft, load
+
+FloatArray = NDArray[np.float64]
+Observations = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A group of neighbouring numbers of an observation.
+
+    Attributes:
+        name: What they are.
+        size: How many.
+        bound: Largest size of one of them; what is larger is clipped.
+        scale: What the physical quantity is divided by, in words.
+        lowest: Smallest value; None means minus ``bound``.
+    """
+
+    name: str
+    size: int
+    bound: float
+    scale: str
+    lowest: float | None = None
+
+    @property
+    def low(self) -> float:
+        """Smallest value of one number."""
+        return -self.bound if self.lowest is None else self.lowest
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a step was worth, in every world for every agent.
+
+    Attributes:
+        reward_terms: (worlds, agents, terms), in the order of ``Task.reward_terms``; they sum to the reward.
+        cost: (worlds, agents), constraint violation, at least 0, apart from the reward.
+        terminated: (worlds,), whether the episode has come to its own end.
+    """
+
+    reward_terms: FloatArray
+    cost: FloatArray
+    terminated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What ``info`` may show of a world beyond faults.
+
+    Attributes:
+        fuel: (worlds, agents), thruster-seconds of open valve since the reset.
+        score: (worlds, agents), 0..1, how well the episode went so far; at its end, how well it went.
+        success: (worlds, agents), whether it would count as a success if it ended now.
+    """
+
+    fuel: FloatArray
+    score: FloatArray
+    success: NDArray[np.bool_]
+
+
+@dataclass
+class TaskState:
+    """The arrays of a batch of worlds. Tasks add their own; every array has the world as its first axis."""
+
+    fleet: Fleet
+
+    def own(self) -> Iterator[tuple[str, NDArray[Any]]]:
+        """The task's own arrays by name."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, np.ndarray):
+                yield one.name, value
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """Copies of everything that a later step depends on."""
+        return self.fleet.state() | {f"task.{name}": array.copy() for name, array in self.own()}
+
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save` gave."""
+        self.fleet.restore({name: saved[name] for name in ("data", "faults", "streams")})
+        for name, array in self.own():
+            array[...] = saved[f"task.{name}"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task(ABC):
+    """Configuration of a task, and what it does to a batch of worlds.
+
+    Attributes:
+        spacecraft: Name in the catalogue, path of a TOML file, mapping, or a :class:`~thruster_envs.spacecraft.Spacecraft`.
+        faults: None, a fault, a list of faults or a distribution, as :func:`thruster_envs.faults.as_faults` takes them.
+        observe_fault: Add the oracle view to the observation: for each thruster what share of its on-time it delivers, and how far it is
+            open when closed.
+        fault_slots: Faults that one craft can have in an episode.
+        nonlinear: Fly by the full two-body relative equations instead of Hill's.
+        max_substep: Longest integration sub-step, s.
+    """
+
+    spacecraft: Any = "orion"
+    faults: Any = None
+    observe_fault: bool = False
+    fault_slots: int = 4
+    nonlinear: bool = False
+    max_substep: float = DEFAULT_SUBSTEP
+    vehicle: Spacecraft = field(init=False, repr=False, compare=False, default=None)  # type: ignore[assignment]
+
+    #: Names of the parts of the reward.
+    reward_terms: ClassVar[tuple[str, ...]]
+    #: Steps after which the views cut an episode; None where the task itself ends it.
+    max_episode_steps: ClassVar[int | None]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicle", load(self.spacecraft))
+        if not 1 <= self.fault_slots <= 64:
+            raise ValueError(f"fault_slots is {self.fault_slots!r}; a whole number from 1 to 64 would be right")
+        if not 0.0 < self.max_substep <= 60.0:
+            raise ValueError(
+                f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right (its error grows with the fourth power)"
+            )
+        self.fault_source()
+
+    # What it looks like from outside -------------------------------------------------------------------------------
+
+    @property
+    def number_of_craft(self) -> int:
+        """Craft in a world; the first ``len(agents)`` of them are commanded."""
+        return 1
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of the commanded craft."""
+        return tuple(f"craft_{k + 1}" for k in range(self.number_of_craft))
+
+    @property
+    def action_size(self) -> int:
+        """Numbers in one agent's action: the duty of each thruster, 0..1."""
+        return self.vehicle.number_of_thrusters
+
+    @property
+    @abstractmethod
+    def features(self) -> tuple[Feature, ...]:
+        """What one agent observes, in order."""
+
+    @property
+    def observation_size(self) -> int:
+        """Numbers in one agent's observation."""
+        return sum(feature.size for feature in self.features)
+
+    def oracle_features(self) -> tuple[Feature, ...]:
+        """The oracle view, where it was asked for."""
+        if not self.observe_fault:
+            return ()
+        n = self.action_size
+        return (
+            Feature("true delivered share of each thruster's on-time", n, 1.0, "1", 0.0),
+            Feature("true opening of each thruster when closed", n, 1.0, "1", 0.0),
+        )
+
+    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
+        """The faults of the configuration as records or as a distribution."""
+        return as_faults(self.faults)
+
+    # What it does to a batch -----------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def create(self, worlds: int, threads: int | None) -> TaskState:
+        """Arrays for that many worlds, not yet begun."""
+
+    @abstractmethod
+    def reset(self, state: Any, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]) -> None:
+        """Begin an episode in the worlds ``which``, whose craft the fleet has just put to the start, whole or with their faults."""
+
+    @abstractmethod
+    def step(self, state: Any, actions: FloatArray) -> None:
+        """Let one control period pass under the duties (worlds, agents, n), 0..1."""
+
+    @abstractmethod
+    def observe(self, state: Any) -> Observations:
+        """(worlds, agents, observation_size), a new array."""
+
+    @abstractmethod
+    def outcome(self, state: Any) -> Outcome:
+        """What the last step was worth."""
+
+    @abstractmethod
+    def truth(self, state: Any) -> Truth:
+        """What ``info`` may show."""

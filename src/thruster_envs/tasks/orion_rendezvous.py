@@ -1,0 +1,300 @@
+"""Rendezvous as a task: from 300 m to the origin in half an orbit, commanding every thruster, in six degrees of freedom.
+
+Models the mission of Yang 2003, chapter 6 with the attitude that the source leaves out: the craft starts radially above the target nearly at rest and nearly aligned with
+LVLH, navigates by noisy relative measurements, and has to be at the origin, at rest and aligned, when the time is up. Leaves out plume impingement on the target,
+keep-out zones and eclipse.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.random import RESET, philox, uniform_pair
+from thruster_envs.tasks.access import (
+    attitude_error,
+    bounded,
+    command_duties,
+    disperse_attitude,
+    place,
+    rate_error,
+    write_oracle_view,
+)
+from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.shaping import delta_v_to_go
+
+_BOUND = 5.0
+#: What observations are divided by: m, m/s, rad, rad/s.
+_POSITION, _VELOCITY, _ANGLE, _RATE = 300.0, 0.5, 0.5, 0.05
+#: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
+_DISPERSION = (5.0, 0.005, math.radians(5.0), 1e-3)
+# Columns of the account of an episode.
+# (the fuel is that of the last step, the open time that of the episode)
+_POTENTIAL, _OPEN_TIME, _FUEL, _PROGRESS, _ARRIVAL, _COST, _OVER, _SCORE, _SUCCESS, _ACCOUNT = range(10)
+
+
+# Entries of the limits.
+(
+    _PERIOD, _MEAN_MOTION, _STEPS, _THRUST, _LEVER, _REFERENCE, _POSITION_BOX, _VELOCITY_BOX, _ATTITUDE_BOX,
+    _RATE_BOX, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DISTANCE,
+) = range(14)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RendezvousModel:
+    """The configuration in numbers: authority (6,) of a period, m/s and rad/s, and ``limits`` (LIMITS,), see the kernels."""
+
+    authority: FloatArray
+    limits: FloatArray
+
+
+@dataclass
+class RendezvousState(TaskState):
+    """Arrays of a batch: the account of each episode."""
+
+    model: RendezvousModel
+    account: FloatArray  # (worlds, 10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrionRendezvous(Task):
+    """Configuration of ``OrionRendezvous-v0``.
+
+    Attributes:
+        start: Relative position at the start, m, LVLH.
+        position_tolerance: Half-size of the terminal box: distance, m.
+        velocity_tolerance: Speed, m/s.
+        attitude_tolerance: Angle from LVLH, rad.
+        rate_tolerance: Body rate against LVLH, rad/s.
+        range_limit: Distance at which the episode ends as a failure, m.
+        rate_limit: Body rate at which it does, rad/s.
+        rate_soft_limit: Body rate from which on ``info["cost"]`` counts, rad/s.
+        orbits: Time for the rendezvous, in orbits.
+    """
+
+    start: tuple[float, float, float] = (300.0, 0.0, 0.0)
+    position_tolerance: float = 2.0
+    velocity_tolerance: float = 0.02
+    attitude_tolerance: float = math.radians(5.0)
+    rate_tolerance: float = math.radians(0.5)
+    range_limit: float = 2000.0
+    rate_limit: float = 1.0
+    rate_soft_limit: float = 0.1
+    orbits: float = 0.5
+
+    reward_terms: ClassVar[tuple[str, ...]] = ("fuel", "progress", "arrival")
+    max_episode_steps: ClassVar[int | None] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "start", tuple(float(x) for x in self.start))
+        for name in ("position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
+                     "range_limit", "rate_limit", "rate_soft_limit", "orbits"):  # fmt: skip
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        if len(self.start) != 3 or not math.hypot(*self.start) < self.range_limit:
+            raise ValueError(f"start is {self.start!r}; three numbers of m within {self.range_limit:g} m would be right")
+
+    @property
+    def steps(self) -> int:
+        """Control periods of an episode that runs to its end."""
+        duration = self.orbits * 2.0 * math.pi / self.vehicle.mean_motion
+        return max(1, round(duration / self.vehicle.control_period))
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """See the environment's docstring."""
+        n = self.action_size
+        return (
+            Feature("measured relative position", 3, _BOUND, f"{_POSITION:g} m"),
+            Feature("measured relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
+            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
+            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
+            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
+            Feature("last duties", n, 1.0, "1", 0.0),
+            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
+            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            *self.oracle_features(),
+        )
+
+    def create(self, worlds: int, threads: int | None) -> RendezvousState:
+        """Arrays for that many worlds."""
+        fleet = Fleet(
+            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear, max_substep=self.max_substep,
+            threads=threads,
+        )  # fmt: skip
+        return RendezvousState(fleet, self._model(), np.zeros((worlds, _ACCOUNT)))
+
+    def _model(self) -> RendezvousModel:
+        vehicle = self.vehicle
+        authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
+        # What a thruster-second is worth in m/s, and a rad/s in m/s: the exchange rates between fuel, translation and attitude.
+        thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
+        lever = float(authority[:3].mean() / authority[3:].mean())
+        reference = delta_v_to_go(self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion)
+        limits = (
+            vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever, reference,
+            self.position_tolerance, self.velocity_tolerance, self.attitude_tolerance, self.rate_tolerance,
+            self.range_limit, self.rate_limit, self.rate_soft_limit, math.hypot(*self.start),
+        )  # fmt: skip
+        return RendezvousModel(authority, np.array(limits))
+
+    def reset(
+        self, state: RendezvousState, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+    ) -> None:
+        """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
+        fleet = state.fleet
+        _start(fleet.data, fleet.streams, which, np.array(self.start), state.model.limits, state.account)
+        fleet.look(which)
+
+    def step(self, state: RendezvousState, actions: FloatArray) -> None:
+        """Fly one period."""
+        command_duties(state.fleet.data, actions, 1)
+        state.fleet.fly()
+        _judge(state.fleet.data, state.model.limits, state.account)
+
+    def observe(self, state: RendezvousState) -> Observations:
+        """(worlds, 1, observation_size)."""
+        observations = np.empty((state.fleet.worlds, 1, self.observation_size), np.float32)
+        _observe(
+            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, self.observe_fault,
+            observations[:, 0],
+        )  # fmt: skip
+        return observations
+
+    def outcome(self, state: RendezvousState) -> Outcome:
+        """Terminates when the time is up, or out of bounds."""
+        account = state.account
+        return Outcome(
+            account[:, np.newaxis, _FUEL : _ARRIVAL + 1].copy(), account[:, _COST : _COST + 1].copy(), account[:, _OVER] > 0.0
+        )
+
+    def truth(self, state: RendezvousState) -> Truth:
+        """In the box the score is 0.5 and up to 0.5 for economy; outside it what was gained of the distance, up to 0.5."""
+        account = state.account
+        return Truth(
+            account[:, _OPEN_TIME : _OPEN_TIME + 1].copy(),
+            account[:, _SCORE : _SCORE + 1].copy(),
+            account[:, _SUCCESS : _SUCCESS + 1] > 0.0,
+        )
+
+
+@njit
+def _potential(r, v, angle, rate, time_to_go, limits):
+    """Minus what is still to be paid, as a share of the whole mission: delta-v of the translation, and rates as their worth in m/s."""
+    n = limits[_MEAN_MOTION]
+    translation = delta_v_to_go(r, v, time_to_go, n)
+    attitude = 0.0
+    for k in range(3):
+        attitude += abs(rate[k]) + abs(angle[k]) / _SLEW_TIME
+    return -(translation + limits[_LEVER] * attitude) / limits[_REFERENCE]
+
+
+#: Seconds in which an attitude error is taken to be turned away, in the potential.
+_SLEW_TIME = 60.0
+
+
+@njit
+def _true_errors(data, b, w, n):
+    """Position, velocity, attitude error and rate error of a craft, as they truly are."""
+    q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
+    rate = (data[b, 10, w], data[b, 11, w], data[b, 12, w])
+    r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
+    v = (data[b, 3, w], data[b, 4, w], data[b, 5, w])
+    return r, v, attitude_error(q), rate_error(q, rate, n)
+
+
+@njit
+def _length(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit(error_model="numpy", cache=True)
+def _start(data, streams, which, start, limits, account):
+    """Disperse the craft about the start, uniformly in a box, and open the account."""
+    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    uniform = np.empty(16)
+    for world in which:
+        b, w = place(world, 0, 1, lanes)
+        for block in range(2):
+            words = philox(
+                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
+                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+            )  # fmt: skip
+            for k in range(4):
+                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        for k in range(3):
+            data[b, at.POSITION + k, w] = start[k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
+            data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
+        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
+        for k in range(_ACCOUNT):
+            account[world, k] = 0.0
+        r, v, angle, rate = _true_errors(data, b, w, n)
+        account[world, _POTENTIAL] = _potential(r, v, angle, rate, limits[_STEPS] * limits[_PERIOD], limits)
+
+
+@njit(error_model="numpy", cache=True)
+def _judge(data, limits, account):
+    """Account for the period that has passed."""
+    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    for world in range(account.shape[0]):
+        b, w = place(world, 0, 1, lanes)
+        r, v, angle, rate = _true_errors(data, b, w, n)
+        to_go = limits[_STEPS] - data[b, at.STEP, w]
+        potential = _potential(r, v, angle, rate, to_go * limits[_PERIOD], limits)
+        fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
+        distance, spin = _length(r), _length(rate)
+        lost = distance > limits[_RANGE_LIMIT] or spin > limits[_RATE_LIMIT]
+        inside = (
+            distance <= limits[_POSITION_BOX]
+            and _length(v) <= limits[_VELOCITY_BOX]
+            and _length(angle) <= limits[_ATTITUDE_BOX]
+            and spin <= limits[_RATE_BOX]
+        )
+        account[world, _FUEL] = -fired * limits[_THRUST] / limits[_REFERENCE]
+        account[world, _PROGRESS] = potential - account[world, _POTENTIAL]
+        account[world, _ARRIVAL] = -1.0 if lost else (1.0 if inside and to_go <= 0.0 else 0.0)
+        account[world, _COST] = max(0.0, spin / limits[_RATE_SOFT_LIMIT] - 1.0)
+        account[world, _OVER] = 1.0 if lost or to_go <= 0.0 else 0.0
+        account[world, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
+        account[world, _POTENTIAL] = potential
+        spent = data[b, at.OPEN_TIME, w] * limits[_THRUST]
+        economy = min(1.0, limits[_REFERENCE] / spent) if spent > 0.0 else 1.0
+        gained = max(0.0, 1.0 - distance / limits[_DISTANCE]) if limits[_DISTANCE] > 0.0 else 0.0
+        account[world, _SCORE] = 0.5 + 0.5 * economy if inside else (0.0 if lost else 0.5 * gained)
+        account[world, _SUCCESS] = 1.0 if inside else 0.0
+
+
+@njit(error_model="numpy", cache=True)
+def _observe(data, faults, limits, authority, observe_fault, observations):
+    n, lanes = observations.shape[1] - 25, data.shape[2]
+    if observe_fault:
+        n //= 3
+    m = at.MEASURED
+    for world in range(observations.shape[0]):
+        b, w = place(world, 0, 1, lanes)
+        row = observations[world]
+        q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
+        measured_rate = (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w])
+        angle, rate = attitude_error(q), rate_error(q, measured_rate, limits[_MEAN_MOTION])
+        for k in range(3):
+            row[k] = bounded(data[b, m + k, w] / _POSITION, _BOUND)
+            row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)
+            row[6 + k] = bounded(angle[k] / _ANGLE, _BOUND)
+            row[9 + k] = bounded(rate[k] / _RATE, _BOUND)
+        row[12] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
+        for i in range(n):
+            row[13 + i] = data[b, at.SCALARS + i, w]
+        for k in range(6):
+            row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
+            row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
+        if observe_fault:
+            write_oracle_view(faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, 25 + n)

@@ -1,0 +1,277 @@
+"""Thrust mapping as a task: commanded rate changes to a vehicle that may carry a hidden fault.
+
+Models the vehicle as thruster allocation sees it (Yang 2003, chapter 2): the rate change of a period is linear in the on-times, as the true, faulty vehicle
+delivers them. Feed coupling, scatter, minimum pulses and valve delays are switched off, and the craft does not move between commands, so that the best that
+anybody can do for a command is the linear program that knows the fault. Leaves out dynamics: each command stands for itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import Fault, FaultDistribution
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
+from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
+from thruster_envs.tasks.access import bounded, command_duties, place, true_model, write_oracle_view
+from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
+
+#: Kinds of command, equally likely: one axis; all axes together within reach; all axes beyond reach; all axes, tiny.
+SINGLE_AXIS, COUPLED, SATURATING, TINY = 0, 1, 2, 3
+COMMANDS = 32
+_BOUND = 3.0
+
+
+@dataclass(frozen=True)
+class MappingModel:
+    """The nominal vehicle in numbers.
+
+    Attributes:
+        effectiveness: (6, n), m/s^2 and rad/s^2.
+        projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in periods, axes weighted by the noise.
+        authority: (6,), m/s and rad/s per period.
+        fuel_cost: (n,), per s.
+        slack_cost: (6,), per m/s and rad/s.
+        noise: (6,), standard deviation of a measured rate change (two measurements), m/s and rad/s.
+        inverse_inertia: (3, 3), 1/(kg m^2).
+        scale: The objective of missing the whole authority on every axis; rewards are in this unit.
+    """
+
+    effectiveness: FloatArray
+    projection: FloatArray
+    authority: FloatArray
+    fuel_cost: FloatArray
+    slack_cost: FloatArray
+    noise: FloatArray
+    inverse_inertia: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, vehicle: Spacecraft) -> MappingModel:
+        """Numbers of a vehicle."""
+        effectiveness, period = vehicle.effectiveness(), vehicle.control_period
+        fuel_cost, slack_cost = objective_weights(effectiveness, period)
+        authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
+        sensors = vehicle.sensors
+        noise = np.sqrt(2.0) * np.repeat([sensors.velocity, sensors.rate], 3)
+        weights = 1.0 / np.maximum(noise, 1e-3 * authority) ** 2
+        whitened = effectiveness.T * weights
+        projection = whitened / (whitened @ effectiveness).diagonal()[:, np.newaxis] / period
+        inverse = np.linalg.inv(np.array(vehicle.inertia))
+        scale = float(slack_cost @ vehicle.authority())
+        return cls(effectiveness, projection, authority, fuel_cost, slack_cost, noise, inverse, scale)
+
+
+@dataclass
+class MappingState(TaskState):
+    """Arrays of a batch: the command now, the rate change delivered for the last one, and sums over the episode."""
+
+    model: MappingModel
+    command: FloatArray  # (worlds, 6), m/s and rad/s, body axes
+    answered: FloatArray  # (worlds, 6), the command before, to which ``delivered`` was the answer
+    delivered: FloatArray  # (worlds, 6), true
+    measured: FloatArray  # (worlds, 6), with sensor noise
+    expected: FloatArray  # (worlds, 6), what the nominal vehicle would have given
+    terms: FloatArray  # (worlds, 2), the reward's terms for the last step
+    sums: FloatArray  # (worlds, 2), objective so far, and that of doing nothing
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterMapping(Task):
+    """Configuration of ``ThrusterMapping-v0``; fields beyond those of every task: none.
+
+    ``faults`` None means the default distribution, an empty list no faults.
+    """
+
+    reward_terms: ClassVar[tuple[str, ...]] = ("miss", "fuel")
+    max_episode_steps: ClassVar[int | None] = COMMANDS
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """See the environment's docstring."""
+        n = self.action_size
+        return (
+            Feature("commanded rate change", 6, _BOUND, "authority per axis"),
+            Feature("last duties", n, 1.0, "1", 0.0),
+            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
+            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            Feature("last measured rate change, projected on each thruster", n, _BOUND, "control period"),
+            Feature("last expected rate change, projected on each thruster", n, _BOUND, "control period"),
+            *self.oracle_features(),
+        )
+
+    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
+        """The configured faults; by default a thruster that is dead or weak from some command of the first half on, in four worlds of five."""
+        if self.faults is not None:
+            return super().fault_source()
+        period = self.vehicle.control_period
+        return FaultDistribution(
+            probability=0.8, kinds=("stuck_off", "loss"), onset=(0.0, 0.5 * COMMANDS * period), onset_grid=period
+        )
+
+    def linear_vehicle(self) -> Spacecraft:
+        """The vehicle without feed coupling, scatter, minimum pulses, valve delays and depletion."""
+        plain = {
+            name: 0.0
+            for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "scatter")
+        }
+        thrusters = tuple(
+            dataclasses.replace(thruster, **plain, specific_impulse=np.inf) for thruster in self.vehicle.thrusters
+        )
+        return self.vehicle.replace(thrusters=thrusters, feed=Feed())
+
+    def create(self, worlds: int, threads: int | None) -> MappingState:
+        """Arrays for that many worlds."""
+        fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads)
+        six = [np.zeros((worlds, 6)) for _ in range(5)]
+        return MappingState(
+            fleet, MappingModel.of(self.vehicle), *six, np.zeros((worlds, 2)), np.zeros((worlds, 2))
+        )
+
+    def reset(
+        self, state: MappingState, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+    ) -> None:
+        """First command of an episode."""
+        for array in (state.answered, state.delivered, state.measured, state.expected, state.terms, state.sums):
+            array[which] = 0.0
+        _draw_commands(state.fleet.data, state.fleet.streams, which, state.model.authority, state.command)
+
+    def step(self, state: MappingState, actions: FloatArray) -> None:
+        """Fire for the command, then draw the next one."""
+        fleet, model = state.fleet, state.model
+        state.answered[:] = state.command
+        command_duties(fleet.data, actions, 1)
+        fleet.fly(move=False)
+        _judge(
+            fleet.data, fleet.streams, self.vehicle.control_period, self.vehicle.mass, model.inverse_inertia,
+            model.effectiveness, model.fuel_cost, model.slack_cost, model.noise, model.scale,
+            state.command, state.delivered, state.measured, state.expected, state.terms, state.sums,
+        )  # fmt: skip
+        _draw_commands(fleet.data, fleet.streams, state.fleet.everyone, model.authority, state.command)
+
+    def observe(self, state: MappingState) -> Observations:
+        """(worlds, 1, observation_size)."""
+        worlds = state.command.shape[0]
+        observations = np.empty((worlds, 1, self.observation_size), np.float32)
+        _observe(
+            state.fleet.data, state.fleet.faults, state.model.projection, state.model.authority, state.command,
+            state.measured, state.expected, self.vehicle.control_period, self.observe_fault, observations[:, 0],
+        )  # fmt: skip
+        return observations
+
+    def outcome(self, state: MappingState) -> Outcome:
+        """Never terminates: an episode is as long as the time limit says."""
+        worlds = state.command.shape[0]
+        return Outcome(state.terms[:, np.newaxis].copy(), np.zeros((worlds, 1)), np.zeros(worlds, np.bool_))
+
+    def truth(self, state: MappingState) -> Truth:
+        """The score is one minus the objective over that of doing nothing, summed over the episode, not below 0."""
+        score = 1.0 - state.sums[:, :1] / np.where(state.sums[:, 1:] > 0.0, state.sums[:, 1:], 1.0)
+        score = np.clip(np.where(state.sums[:, 1:] > 0.0, score, 0.0), 0.0, 1.0)
+        return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, score >= 0.9)
+
+    def true_model(self, state: MappingState) -> tuple[FloatArray, FloatArray]:
+        """Effectiveness (worlds, 6, n) and offset (worlds, 6) of the true vehicles in the coming period."""
+        fleet, inverse = state.fleet, state.model.inverse_inertia
+        effectiveness, offset = true_model(
+            fleet.data, fleet.faults, fleet.wrenches, inverse, self.vehicle.control_period, 1, fleet.worlds
+        )
+        return effectiveness[:, 0], offset[:, 0]
+
+
+@njit(error_model="numpy", cache=True)
+def _draw_commands(data, streams, which, authority, commands):
+    """Draw the command of the coming period in some worlds; a function of the world's seed, its episode and its step."""
+    lanes = data.shape[2]
+    for world in which:
+        b, w = place(world, 0, 1, lanes)
+        uniform = np.empty(8)
+        words = philox(
+            np.uint64(0),
+            np.uint64(np.int64(data[b, at.STEP, w])),
+            streams[b, at.EPISODE, w],
+            np.uint64(COMMAND << 32),
+            streams[b, at.KEY_LOW, w],
+            streams[b, at.KEY_HIGH, w],
+        )
+        for k in range(4):
+            uniform[2 * k], uniform[2 * k + 1] = uniform_pair(words[k])
+        kind = int(4.0 * uniform[0])
+        axis = int(6.0 * uniform[1])
+        reach = 1.0 if kind == SINGLE_AXIS else 0.3 if kind == COUPLED else 1.5 if kind == SATURATING else 0.02
+        for k in range(6):
+            taken = kind != SINGLE_AXIS or k == axis
+            commands[world, k] = reach * (2.0 * uniform[2 + k] - 1.0) * authority[k] if taken else 0.0
+
+
+@njit(error_model="numpy", cache=True)
+def _judge(
+    data, streams, period, mass, inverse_inertia, effectiveness, fuel_cost, slack_cost, noise, scale,
+    command, delivered, measured, expected, terms, sums,
+):  # fmt: skip
+    """Compare what came with what was commanded, and measure it."""
+    n, lanes = effectiveness.shape[1], data.shape[2]
+    normal = np.empty(6)
+    for world in range(command.shape[0]):
+        b, w = place(world, 0, 1, lanes)
+        words = philox(
+            np.uint64(0),
+            np.uint64(np.int64(data[b, at.STEP, w] - 1.0)),
+            streams[b, at.EPISODE, w],
+            np.uint64(STEP << 32),
+            streams[b, at.KEY_LOW, w],
+            streams[b, at.KEY_HIGH, w],
+        )
+        for k in range(3):
+            normal[2 * k], normal[2 * k + 1] = normal_pair(words[k])
+        fuel, miss, idle = 0.0, 0.0, 0.0
+        for i in range(n):
+            fuel += fuel_cost[i] * period * data[b, at.SCALARS + i, w]
+        for k in range(6):
+            if k < 3:
+                change = data[b, at.IMPULSE + k, w] / mass
+            else:
+                change = 0.0
+                for j in range(3):
+                    change += inverse_inertia[k - 3, j] * data[b, at.IMPULSE + 3 + j, w]
+            nominal = 0.0
+            for i in range(n):
+                nominal += effectiveness[k, i] * period * data[b, at.SCALARS + i, w]
+            delivered[world, k], expected[world, k] = change, nominal
+            measured[world, k] = change + noise[k] * normal[k]
+            miss += slack_cost[k] * abs(command[world, k] - change)
+            idle += slack_cost[k] * abs(command[world, k])
+        terms[world, 0], terms[world, 1] = -miss / scale, -fuel / scale
+        sums[world, 0] += fuel + miss
+        sums[world, 1] += idle
+
+
+@njit(error_model="numpy", cache=True)
+def _observe(
+    data, faults, projection, authority, command, measured, expected, period, observe_fault, observations
+):  # fmt: skip
+    n, lanes = projection.shape[0], data.shape[2]
+    for world in range(command.shape[0]):
+        b, w = place(world, 0, 1, lanes)
+        row = observations[world]
+        for k in range(6):
+            row[k] = bounded(command[world, k] / authority[k], _BOUND)
+            row[6 + n + k] = bounded(measured[world, k] / authority[k], _BOUND)
+            row[12 + n + k] = bounded(expected[world, k] / authority[k], _BOUND)
+        for i in range(n):
+            row[6 + i] = data[b, at.SCALARS + i, w]
+            along_measured, along_expected = 0.0, 0.0
+            for k in range(6):
+                along_measured += projection[i, k] * measured[world, k]
+                along_expected += projection[i, k] * expected[world, k]
+            row[18 + n + i] = bounded(along_measured, _BOUND)
+            row[18 + 2 * n + i] = bounded(along_expected, _BOUND)
+        if observe_fault:
+            write_oracle_view(faults, b, w, data[b, at.STEP, w] * period, period, row, 18 + 3 * n)

@@ -1,0 +1,31 @@
+"""One batch, four views: a Gymnasium ``Env``, a native ``VectorEnv``, a PettingZoo ``ParallelEnv`` and Stable-Baselines3 ``VecEnv`` adapters."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from thruster_envs.views.actions import BeliefAction, MapperAction, VectorBeliefAction, VectorMapperAction
+
+#: Names that need an extra, and the module that has them; loaded on first use.
+_LAZY = {
+    "SB3VecEnv": "thruster_envs.views.sb3",
+    "SharedPolicyVecEnv": "thruster_envs.views.sb3",
+    "FormationParallelEnv": "thruster_envs.views.parallel",
+}
+
+__all__ = [
+    "BeliefAction",
+    "FormationParallelEnv",
+    "MapperAction",
+    "SB3VecEnv",
+    "SharedPolicyVecEnv",
+    "VectorBeliefAction",
+    "VectorMapperAction",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,104 @@
+"""From a world of a batch to a picture: the path so far, and the scene that the renderer draws."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_envs.physics import layout as at
+from thruster_envs.rendering import CraftScene, Renderer, Scene
+from thruster_envs.tasks import FormationKeeping, ThrusterMapping
+from thruster_envs.views.worlds import Worlds
+
+#: Modes that every environment can be rendered in.
+RENDER_MODES = ("rgb_array", "human")
+
+
+class Camera:
+    """Watches one world: keeps its path and draws it.
+
+    Args:
+        worlds: The batch.
+        world: Which one.
+        title: Put above the picture.
+    """
+
+    def __init__(self, worlds: Worlds, world: int, title: str) -> None:
+        self.worlds, self.world, self.title = worlds, world, title
+        self._path: list[NDArray[np.float64]] = []
+        self._renderer: Renderer | None = None
+
+    def begin(self) -> None:
+        """A new episode: forget the path."""
+        self._path.clear()
+        self.follow()
+
+    def follow(self) -> None:
+        """Add where the craft are now to the path."""
+        self._path.append(self.worlds.fleet.read(at.POSITION, 3)[self.world])
+
+    def frame(self) -> NDArray[np.uint8]:
+        """(height, width, 3) picture of the world now."""
+        return self._draws().frame(self.scene())
+
+    def show(self) -> None:
+        """Show the world now in a window."""
+        self._draws().show(self.scene())
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _draws(self) -> Renderer:
+        if self._renderer is None:
+            self._renderer = Renderer()
+        return self._renderer
+
+    def scene(self) -> Scene:
+        """The world now."""
+        worlds, world, fleet, task = self.worlds, self.world, self.worlds.fleet, self.worlds.task
+        n, period = task.action_size, task.vehicle.control_period
+        info = worlds.info()
+        rows = fleet.fault_rows()[world]
+        time = float(fleet.read(at.STEP)[world, 0, 0]) * period
+        active = (rows[..., 0] > 0.0) & (rows[..., 3] <= time) & (time < rows[..., 4])
+        path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
+        slots = worlds.state.slots[world, :, :3] if isinstance(task, FormationKeeping) else np.zeros((fleet.craft, 3))
+        craft = tuple(
+            CraftScene(
+                position=fleet.read(at.POSITION, 3)[world, c],
+                attitude=fleet.read(at.ATTITUDE, 4)[world, c],
+                duties=np.clip(fleet.read(fleet.layout.duties, n)[world, c], 0.0, 1.0),
+                thrust=np.clip(fleet.read(fleet.layout.delivered, n)[world, c] / period, 0.0, 1.0),
+                faulty=np.isin(np.arange(n), rows[c, active[c], 1]),
+                path=path[:, c],
+                target=slots[c],
+                name=f"craft {c + 1}" if fleet.craft > 1 else "",
+            )
+            for c in range(fleet.craft)
+        )
+        readouts = [
+            ("fuel", f"{info['fuel'][world].sum():.0f} thruster-s"),
+            ("score", f"{info['score'][world].mean():.2f}"),
+        ]
+        bars: tuple[tuple[str, float, float], ...] = ()
+        if isinstance(task, ThrusterMapping):
+            bars = _rate_bars(worlds.state, world)
+        else:
+            distance = float(np.linalg.norm(craft[0].position - craft[0].target))
+            readouts.insert(0, ("distance", f"{distance:.1f} m"))
+        return Scene(
+            spacecraft=task.vehicle, craft=craft, time=time, title=self.title, readouts=tuple(readouts), bars=bars
+        )
+
+
+def _rate_bars(state: Any, world: int) -> tuple[tuple[str, float, float], ...]:
+    """Commanded and delivered rate change of the last command, in shares of the authority per axis."""
+    authority = state.model.authority
+    commanded, delivered = state.answered[world] / authority, state.delivered[world] / authority
+    names = ("x", "y", "z", "rot x", "rot y", "rot z")
+    return tuple((name, float(c), float(d)) for name, c, d in zip(names, commanded, delivered, strict=True))

@@ -1,0 +1,110 @@
+"""The batch of one as a Gymnasium ``Env``."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_envs.configuration import from_mapping
+from thruster_envs.tasks import Task
+from thruster_envs.views.scenes import RENDER_MODES, Camera
+from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.worlds import Step, Worlds, checked_seed
+
+Observation = NDArray[np.float32]
+_ONE = np.zeros(1, np.int64)
+
+
+class TaskEnv(gym.Env[Observation, Observation]):
+    """One world of a task, one commanded craft; subclasses name the task.
+
+    Args:
+        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        **configuration: Fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # type: ignore[misc]  # Gymnasium declares an instance attribute
+    task_type: ClassVar[type[Task]]
+    fixed: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, *, render_mode: str | None = None, **configuration: Any) -> None:
+        self.task = make_task(self.task_type, configuration, self.fixed)
+        self.render_mode = checked_render_mode(render_mode)
+        self.worlds = Worlds(self.task, 1)
+        self.observation_space = observation_space(self.task)
+        self.action_space = action_space(self.task)
+        self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; ``options={"faults": ...}`` gives it faults of its own."""
+        super().reset(seed=seed)
+        if seed is not None or not self.worlds.seeded:
+            fresh = checked_seed(seed) if seed is not None else int(self.np_random.integers(2**63))
+            self.worlds.seed(_ONE, [fresh])
+        self.worlds.reset(_ONE, options)
+        self._watch(begins=True)
+        return self.worlds.observe()[0, 0], self._info(None)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Let one control period pass under the duties of ``action``."""
+        if not self.worlds.seeded:
+            raise gym.error.ResetNeeded("the environment has not been reset; call reset() before step()")
+        step = self.worlds.step(np.asarray(action, dtype=np.float64).reshape((1, 1, -1)))
+        self._watch(begins=False)
+        return (
+            step.observations[0, 0],
+            float(step.rewards[0, 0]),
+            bool(step.terminated[0]),
+            bool(step.truncated[0]),
+            self._info(step),
+        )
+
+    def _info(self, step: Step | None) -> dict[str, Any]:
+        info = self.worlds.info(step)
+        return {
+            "reward_terms": {name: float(values[0, 0]) for name, values in info["reward_terms"].items()},
+            "cost": float(info["cost"][0, 0]),
+            "fault": {name: values[0, 0] for name, values in info["fault"].items()},
+            "fuel": float(info["fuel"][0, 0]),
+            "score": float(info["score"][0, 0]),
+            "success": bool(info["success"][0, 0]),
+        }
+
+    def _watch(self, *, begins: bool) -> None:
+        if self.render_mode is not None:
+            if begins:
+                self._camera.begin()
+            else:
+                self._camera.follow()
+            if self.render_mode == "human":
+                self._camera.show()
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]  # Gymnasium's frame type is a type variable
+        """A picture of the world now, in the mode ``rgb_array``."""
+        if self.render_mode == "rgb_array":
+            return self._camera.frame()
+        if self.render_mode == "human":
+            self._camera.show()
+            return None
+        raise gym.error.Error("render_mode is None; make the environment with render_mode='rgb_array' or 'human'")
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._camera.close()
+
+
+def make_task(task_type: type[Task], configuration: dict[str, Any], fixed: dict[str, Any]) -> Task:
+    """The task's configuration from keyword arguments; an unknown one is refused by naming the nearest."""
+    return from_mapping(task_type, configuration | fixed, task_type.__name__)
+
+
+def checked_render_mode(mode: str | None) -> str | None:
+    """The render mode, if it is one that every environment has."""
+    if mode is not None and mode not in RENDER_MODES:
+        raise ValueError(f"render_mode is {mode!r}; None, 'rgb_array' or 'human' would be right")
+    return mode

@@ -1,0 +1,241 @@
+"""The batch as a native Gymnasium ``VectorEnv``, with all three kinds of autoreset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from thruster_envs.tasks import Task
+from thruster_envs.views.scenes import RENDER_MODES, Camera
+from thruster_envs.views.single import checked_render_mode, make_task
+from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.worlds import Step, Worlds, checked_seed
+
+Observations = NDArray[np.float32]
+
+
+class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
+    """Many worlds of a task, one commanded craft in each; subclasses name the task.
+
+    World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit for bit, later episodes included; a list
+    of seeds is taken too. ``reset(options={"reset_mask": mask})`` begins new episodes in the worlds of the mask and leaves the others alone.
+
+    At the end of an episode: with ``NEXT_STEP`` the next step ignores the action of that world, begins its next episode and gives that first observation,
+    reward 0 and both flags False; with ``SAME_STEP`` the same step gives the first observation of the next episode, and what was last is in
+    ``infos["final_obs"]`` and ``infos["final_info"]`` under the masks ``_final_obs`` and ``_final_info``; with ``DISABLED`` it is the caller's
+    to reset, and the world goes on past its end until then.
+
+    Args:
+        num_envs: Number of worlds.
+        max_episode_steps: Time limit; None takes the task's own.
+        render_mode: None, ``"rgb_array"`` (one picture for each world) or ``"human"`` (the first world in a window).
+        autoreset_mode: An ``AutoresetMode`` or its value.
+        threads: Threads that share a step; None chooses. Results do not depend on it.
+        **configuration: Fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # Gymnasium declares an instance attribute
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    task_type: ClassVar[type[Task]]
+    fixed: ClassVar[dict[str, Any]] = {}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **configuration: Any,
+    ) -> None:
+        if not (isinstance(num_envs, int) and num_envs > 0):
+            raise ValueError(f"num_envs is {num_envs!r}; a whole number above 0 would be right")
+        self.task = make_task(self.task_type, configuration, self.fixed)
+        self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
+        self.set_autoreset_mode(autoreset_mode)
+        limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
+        self.worlds = Worlds(self.task, num_envs, max_episode_steps=limit, threads=threads)
+        self.single_observation_space = observation_space(self.task)
+        self.single_action_space = action_space(self.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        title = type(self).__name__.removesuffix("VectorEnv")
+        watched = {None: 0, "human": 1, "rgb_array": num_envs}[self.render_mode]
+        self._cameras = [Camera(self.worlds, world, f"{title} {world}") for world in range(watched)]
+        self._over = np.zeros(num_envs, np.bool_)
+
+    def set_autoreset_mode(self, mode: AutoresetMode | str) -> None:
+        """Choose what happens at the end of an episode, before the first reset or between episodes."""
+        try:
+            self.autoreset_mode = AutoresetMode(mode)
+        except ValueError:
+            values = ", ".join(repr(one.value) for one in AutoresetMode)
+            raise ValueError(f"autoreset_mode is {mode!r}; an AutoresetMode or one of {values} would be right") from None
+        self.metadata = dict(type(self).metadata) | {"autoreset_mode": self.autoreset_mode}  # type: ignore[misc]  # per instance on purpose
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begin episodes, in all worlds or in those of ``options["reset_mask"]``; ``options["faults"]`` gives them faults of their own."""
+        mask = self._checked_mask(options)
+        which = np.flatnonzero(mask)
+        super().reset(seed=seed if seed is None or isinstance(seed, (int, np.integer)) else None)
+        self._seed(which, seed)
+        self.worlds.reset(which, options)
+        self._over[which] = False
+        for camera in self._cameras:
+            if mask[camera.world]:
+                camera.begin()
+        return self.worlds.observe()[:, 0], _with_masks(self._infos(None), np.ones(self.num_envs, np.bool_))
+
+    def _checked_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        if options is None or "reset_mask" not in options:
+            return np.ones(self.num_envs, np.bool_)
+        mask = options["reset_mask"]
+        if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
+            raise ValueError(f"reset_mask is {mask!r}; a bool array of shape ({self.num_envs},) would be right")
+        if not mask.any():
+            raise ValueError("reset_mask is False everywhere; at least one True would be right")
+        if not mask.all() and not self.worlds.seeded:
+            raise ValueError("reset_mask leaves worlds out that were never reset; reset all of them first")
+        return mask
+
+    def _seed(self, which: NDArray[np.int64], seed: int | Sequence[int | None] | None) -> None:
+        if seed is None and not self.worlds.seeded:
+            seed = int(self.np_random.integers(2**62))
+        if seed is None:
+            return
+        if isinstance(seed, (int, np.integer)):
+            first = checked_seed(seed)
+            self.worlds.seed(which, [first + int(world) for world in which])
+            return
+        seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed has {len(seeds)} entries; one for each of the {self.num_envs} worlds would be right")
+        given = np.array([world for world in which if seeds[world] is not None], np.int64)
+        if not self.worlds.seeded and given.size < self.num_envs:
+            everyone = np.arange(self.num_envs)
+            fresh = int(self.np_random.integers(2**62))
+            self.worlds.seed(everyone, [fresh + int(world) for world in everyone])
+        self.worlds.seed(given, [checked_seed(seeds[world]) for world in given])
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Let one control period pass in every world."""
+        if not self.worlds.seeded:
+            raise ValueError("the environment has not been reset; call reset() before step()")
+        step = self.worlds.step(np.asarray(actions, dtype=np.float64)[:, np.newaxis])
+        everyone = np.ones(self.num_envs, np.bool_)
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            return self._step_then_reset(step, everyone)
+        rewards, terminated, truncated = step.rewards[:, 0], step.terminated, step.truncated
+        observations = step.observations[:, 0]
+        infos = None
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            begins = self._over
+            if begins.any():
+                self.worlds.reset(np.flatnonzero(begins))
+                observations = self.worlds.observe()[:, 0]
+                rewards[begins], step.reward_terms[begins], step.cost[begins] = 0.0, 0.0, 0.0
+                terminated, truncated = terminated & ~begins, truncated & ~begins
+            self._film(begins)
+            self._over = terminated | truncated
+        else:
+            self._film(np.zeros(self.num_envs, np.bool_))
+        infos = _with_masks(self._infos(step), everyone)
+        return observations, rewards, terminated, truncated, infos
+
+    def _step_then_reset(
+        self, step: Step, everyone: NDArray[np.bool_]
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        done, observations = step.done, step.observations[:, 0]
+        rewards, final = step.rewards[:, 0], None
+        if done.any():
+            final_infos = self._infos(step)
+            final = observations, final_infos
+            self.worlds.reset(np.flatnonzero(done))
+            observations = self.worlds.observe()[:, 0]
+            step.reward_terms[done], step.cost[done] = 0.0, 0.0
+        self._film(done)
+        infos = _with_masks(self._infos(step), everyone)
+        if final is not None:
+            last_observations, last_infos = final
+            infos["final_obs"] = np.where(done[:, np.newaxis], last_observations, np.float32(0.0))
+            infos["_final_obs"] = done.copy()
+            infos["final_info"] = _with_masks(_only(last_infos, done), done)
+            infos["_final_info"] = done.copy()
+        return observations, rewards, step.terminated, step.truncated, infos
+
+    def _film(self, begins: NDArray[np.bool_]) -> None:
+        for camera in self._cameras:
+            if begins[camera.world]:
+                camera.begin()
+            else:
+                camera.follow()
+            if self.render_mode == "human":
+                camera.show()
+
+    def _infos(self, step: Step | None) -> dict[str, Any]:
+        """Arrays whose first axis is the world."""
+        return _first_agent(self.worlds.info(step))
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]  # Gymnasium's frame type is a type variable
+        """Pictures of the worlds now, in the mode ``rgb_array``."""
+        if self.render_mode == "rgb_array":
+            return tuple(camera.frame() for camera in self._cameras)
+        for camera in self._cameras:
+            camera.show()
+        return None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        for camera in self._cameras:
+            camera.close()
+
+    @property
+    def pending_resets(self) -> NDArray[np.bool_]:
+        """Which worlds will begin a new episode at the next step, whatever the action (NEXT_STEP only); a copy."""
+        return self._over.copy()
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it."""
+        return self.worlds.save() | {"over": self._over.copy()}
+
+    def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
+        self.worlds.restore(saved)
+        self._over = saved["over"].copy()
+
+
+def _first_agent(info: dict[str, Any]) -> dict[str, Any]:
+    return {key: _first_agent(value) if isinstance(value, dict) else value[:, 0] for key, value in info.items()}
+
+
+def _only(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """Copies with zeros where the mask is False."""
+    result: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            result[key] = _only(value, mask)
+        else:
+            result[key] = np.where(mask.reshape((-1,) + (1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
+    return result
+
+
+def _with_masks(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """Beside every key its mask, as Gymnasium's own vector environments have it."""
+    result: dict[str, Any] = {}
+    for key, value in info.items():
+        result[key] = _with_masks(value, mask) if isinstance(value, dict) else value
+        result[f"_{key}"] = mask.copy()
+    return result

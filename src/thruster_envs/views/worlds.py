@@ -1,0 +1,184 @@
+"""A batch of worlds living through episodes of one task: seeds, faults, time limits, masked resets. What every view is a view of."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_envs.faults import as_faults
+from thruster_envs.physics import layout as at
+from thruster_envs.tasks import Task
+from thruster_envs.tasks.contract import FloatArray, Observations
+
+_LOW = 2**64 - 1
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step of all worlds gave.
+
+    Attributes:
+        observations: (worlds, agents, observation_size).
+        rewards: (worlds, agents), the sum of the reward terms.
+        reward_terms: (worlds, agents, terms).
+        cost: (worlds, agents).
+        terminated: (worlds,), the episode came to its own end.
+        truncated: (worlds,), the time limit cut it.
+    """
+
+    observations: Observations
+    rewards: FloatArray
+    reward_terms: FloatArray
+    cost: FloatArray
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """(worlds,), whether the episode is over for either reason."""
+        return self.terminated | self.truncated
+
+
+class Worlds:
+    """Worlds of one task, each with a stream of its own.
+
+    World ``i`` reset with seed ``s + i`` lives through what a single world reset with that seed lives through, to the last bit: every draw is a
+    function of the world's seed, of the number of its episode since that reset, and of its own time.
+
+    Args:
+        task: The task's configuration.
+        number: How many worlds.
+        max_episode_steps: Steps after which an episode is cut; None for no limit.
+        threads: Threads that share a step; None chooses. Results do not depend on it.
+    """
+
+    def __init__(
+        self, task: Task, number: int, *, max_episode_steps: int | None = None, threads: int | None = None
+    ) -> None:
+        if max_episode_steps is not None and not (isinstance(max_episode_steps, int) and max_episode_steps > 0):
+            raise ValueError(f"max_episode_steps is {max_episode_steps!r}; a whole number above 0, or None, would be right")
+        self.task, self.number, self.max_episode_steps = task, number, max_episode_steps
+        self.state = task.create(number, threads)
+        self.fleet = self.state.fleet
+        self.faults = self.fleet.plan(task.fault_source())
+        self.keys = np.zeros((number, 2), np.uint64)
+        self.episodes = np.zeros(number, np.uint64)
+        self.steps = np.zeros(number, np.int64)
+        self.seeded = False
+        self._shape = (number, len(task.agents), task.action_size)
+
+    def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
+        """Give some worlds new seeds; their next reset begins episode 0 of it."""
+        for world, seed in zip(which, seeds, strict=True):
+            self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
+            self.episodes[world] = _LOW
+        self.seeded = True
+
+    def reset(self, which: NDArray[np.int64], options: Mapping[str, Any] | None = None) -> None:
+        """Begin the next episode of some worlds.
+
+        Args:
+            which: (k,), their numbers.
+            options: ``{"faults": ...}`` gives these worlds other faults for this episode only, in any form that
+                :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone.
+        """
+        plan = self.faults
+        if options is not None and "faults" in options:
+            plan = self.fleet.plan(as_faults(options["faults"]))
+        self.episodes[which] += np.uint64(1)
+        self.steps[which] = 0
+        self.fleet.begin(which, self.keys, self.episodes, plan)
+        self.task.reset(self.state, which, self.keys, self.episodes)
+
+    def observe(self) -> Observations:
+        """(worlds, agents, observation_size), a new array."""
+        return self.task.observe(self.state)
+
+    def step(self, actions: ArrayLike) -> Step:
+        """Let one control period pass in every world.
+
+        Args:
+            actions: (worlds, agents, n) in [-1, 1]; -1 keeps a thruster shut, 1 opens it for the whole period. What lies outside is clipped.
+
+        Raises:
+            ValueError: Another shape, or a number that is not finite.
+        """
+        array = np.asarray(actions, dtype=np.float64)
+        if array.shape != self._shape:
+            raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
+        if not np.isfinite(array).all():
+            world, agent, thruster = np.argwhere(~np.isfinite(array))[0]
+            raise ValueError(
+                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is {array[world, agent, thruster]}; "
+                "a number from -1 to 1 would be right"
+            )
+        self.task.step(self.state, 0.5 * array + 0.5)
+        self.steps += 1
+        outcome = self.task.outcome(self.state)
+        truncated = np.zeros(self.number, np.bool_)
+        if self.max_episode_steps is not None:
+            truncated = self.steps >= self.max_episode_steps
+        return Step(
+            self.task.observe(self.state), outcome.reward_terms.sum(axis=-1), outcome.reward_terms, outcome.cost,
+            outcome.terminated, truncated,
+        )  # fmt: skip
+
+    def info(self, step: Step | None = None) -> dict[str, Any]:
+        """What ``info`` carries, as new arrays whose first axes are (worlds, agents): the keys are always the same.
+
+        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1; 0 is an empty slot), ``kind`` (code, in the order of
+        ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``.
+        """
+        truth, agents = self.task.truth(self.state), len(self.task.agents)
+        rows = self.fleet.fault_rows()[:, :agents]
+        time = self.fleet.read(at.STEP)[:, :agents] * self.task.vehicle.control_period
+        present = rows[..., 0] > 0.0
+        if step is None:
+            terms, cost = np.zeros((*self._shape[:2], len(self.task.reward_terms))), np.zeros(self._shape[:2])
+        else:
+            terms, cost = step.reward_terms, step.cost
+        return {
+            "reward_terms": {name: terms[..., k].copy() for k, name in enumerate(self.task.reward_terms)},
+            "cost": cost,
+            "fault": {
+                "thruster": np.where(present, rows[..., 1] + 1.0, 0.0).astype(np.int64),
+                "kind": rows[..., 0].astype(np.int64),
+                "severity": rows[..., 2].copy(),
+                "active": present & (rows[..., 3] <= time) & (time < rows[..., 4]),
+            },
+            "fuel": truth.fuel,
+            "score": truth.score,
+            "success": truth.success,
+        }
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """Everything that later steps depend on, as copies by name."""
+        own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
+        return self.state.save() | own | {"seeded": np.array(self.seeded)}
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save` gave."""
+        self.state.restore(dict(saved))
+        for name in ("keys", "episodes", "steps"):
+            getattr(self, name)[...] = saved[name]
+        self.seeded = bool(saved["seeded"])
+
+
+def checked_seed(seed: Any) -> int:
+    """A seed as a Python integer.
+
+    Raises:
+        ValueError: Anything but a whole number from 0 to 2**128 - 1.
+    """
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**128:
+        raise ValueError(f"seed is {seed!r}; a whole number from 0 up would be right")
+    return number
