@@ -105,7 +105,9 @@ def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft,
                     column[k] /= data[b, at.MASS, w]
                 x, y, z = column[3], column[4], column[5]
                 for k in range(3):
-                    column[3 + k] = inverse_inertia[k, 0] * x + inverse_inertia[k, 1] * y + inverse_inertia[k, 2] * z
+                    column[3 + k] = (
+                        inverse_inertia[k, 0] * x + inverse_inertia[k, 1] * y + inverse_inertia[k, 2] * z
+                    )
                 for k in range(6):
                     effectiveness[world, craft, k, i] = share * column[k]
                     offset[world, craft, k] += closed[i] * period * column[k]

@@ -130,7 +130,9 @@ class Task(ABC):
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle", load(self.spacecraft))
         if not 1 <= self.fault_slots <= 64:
-            raise ValueError(f"fault_slots is {self.fault_slots!r}; a whole number from 1 to 64 would be right")
+            raise ValueError(
+                f"fault_slots is {self.fault_slots!r}; a whole number from 1 to 64 would be right"
+            )
         if not 0.0 < self.max_substep <= 60.0:
             raise ValueError(
                 f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right (its error grows with the fourth power)"
@@ -185,7 +187,9 @@ class Task(ABC):
         """Arrays for that many worlds, not yet begun."""
 
     @abstractmethod
-    def reset(self, state: Any, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]) -> None:
+    def reset(
+        self, state: Any, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+    ) -> None:
         """Begin an episode in the worlds ``which``, whose craft the fleet has just put to the start, whole or with their faults."""
 
     @abstractmethod

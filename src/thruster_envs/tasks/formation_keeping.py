@@ -95,7 +95,9 @@ class FormationKeeping(Task):
         if not (isinstance(self.craft, int) and 2 <= self.craft <= 8):
             raise ValueError(f"craft is {self.craft!r}; a whole number from 2 to 8 would be right")
         if self.commanded is not None and not 1 <= self.commanded <= self.craft:
-            raise ValueError(f"commanded is {self.commanded!r}; a whole number from 1 to {self.craft} would be right")
+            raise ValueError(
+                f"commanded is {self.commanded!r}; a whole number from 1 to {self.craft} would be right"
+            )
         for name in ("radius", "slot_tolerance", "keep_out", "range_limit", "rate_limit", "fuel_price"):
             value = getattr(self, name)
             if not 0.0 < value < math.inf:
@@ -147,12 +149,23 @@ class FormationKeeping(Task):
         )  # fmt: skip
 
     def reset(
-        self, state: FormationState, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+        self,
+        state: FormationState,
+        which: NDArray[np.int64],
+        keys: NDArray[np.uint64],
+        episodes: NDArray[np.uint64],
     ) -> None:
         """Start near the slots, which begin at a random phase of the relative orbit."""
         fleet = state.fleet
         _start(
-            fleet.data, fleet.streams, which, state.model.limits, state.phase, state.slots, state.account, state.over
+            fleet.data,
+            fleet.streams,
+            which,
+            state.model.limits,
+            state.phase,
+            state.slots,
+            state.account,
+            state.over,
         )
         fleet.look(which)
 
@@ -177,7 +190,9 @@ class FormationKeeping(Task):
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
         account = state.account[:, : len(self.agents)]
-        return Outcome(account[..., _TRACKING : _FUEL + 1].copy(), account[..., _COST].copy(), state.over > 0.0)
+        return Outcome(
+            account[..., _TRACKING : _FUEL + 1].copy(), account[..., _COST].copy(), state.over > 0.0
+        )
 
     def truth(self, state: FormationState) -> Truth:
         """The score is the share of steps in which the slot was kept; no success with a collision cost on the way."""
@@ -226,7 +241,9 @@ def _start(data, streams, which, limits, phase, slots, account, over):
                 _place_slots(phase[world], 0.0, limits, slots[world])
             for k in range(3):
                 data[b, at.POSITION + k, w] = slots[world, c, k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
-                data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
+                data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (
+                    2.0 * uniform[3 + k] - 1.0
+                )
             disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
             for k in range(_ACCOUNT):
                 account[world, c, k] = 0.0
@@ -284,7 +301,9 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
             row = observations[world, c]
             q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
             angle = attitude_error(q)
-            spin = rate_error(q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION])
+            spin = rate_error(
+                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION]
+            )
             for k in range(3):
                 row[k] = bounded((data[b, m + k, w] - slots[world, c, k]) / _POSITION, _BOUND)
                 row[3 + k] = bounded((data[b, m + 3 + k, w] - slots[world, c, 3 + k]) / _VELOCITY, _BOUND)

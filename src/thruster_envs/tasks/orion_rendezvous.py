@@ -101,7 +101,9 @@ class OrionRendezvous(Task):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
         if len(self.start) != 3 or not math.hypot(*self.start) < self.range_limit:
-            raise ValueError(f"start is {self.start!r}; three numbers of m within {self.range_limit:g} m would be right")
+            raise ValueError(
+                f"start is {self.start!r}; three numbers of m within {self.range_limit:g} m would be right"
+            )
 
     @property
     def steps(self) -> int:
@@ -139,7 +141,9 @@ class OrionRendezvous(Task):
         # What a thruster-second is worth in m/s, and a rad/s in m/s: the exchange rates between fuel, translation and attitude.
         thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
         lever = float(authority[:3].mean() / authority[3:].mean())
-        reference = delta_v_to_go(self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion)
+        reference = delta_v_to_go(
+            self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion
+        )
         limits = (
             vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever, reference,
             self.position_tolerance, self.velocity_tolerance, self.attitude_tolerance, self.rate_tolerance,
@@ -148,7 +152,11 @@ class OrionRendezvous(Task):
         return RendezvousModel(authority, np.array(limits))
 
     def reset(
-        self, state: RendezvousState, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+        self,
+        state: RendezvousState,
+        which: NDArray[np.int64],
+        keys: NDArray[np.uint64],
+        episodes: NDArray[np.uint64],
     ) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
         fleet = state.fleet
@@ -174,7 +182,9 @@ class OrionRendezvous(Task):
         """Terminates when the time is up, or out of bounds."""
         account = state.account
         return Outcome(
-            account[:, np.newaxis, _FUEL : _ARRIVAL + 1].copy(), account[:, _COST : _COST + 1].copy(), account[:, _OVER] > 0.0
+            account[:, np.newaxis, _FUEL : _ARRIVAL + 1].copy(),
+            account[:, _COST : _COST + 1].copy(),
+            account[:, _OVER] > 0.0,
         )
 
     def truth(self, state: RendezvousState) -> Truth:
@@ -297,4 +307,6 @@ def _observe(data, faults, limits, authority, observe_fault, observations):
             row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
             row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
         if observe_fault:
-            write_oracle_view(faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, 25 + n)
+            write_oracle_view(
+                faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, 25 + n
+            )

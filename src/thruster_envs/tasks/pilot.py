@@ -44,10 +44,16 @@ class Pilot:
         effectiveness = vehicle.effectiveness()
         scale = np.maximum(np.abs(effectiveness).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
         together = (effectiveness / scale).sum(axis=1)
-        null = np.ones(effectiveness.shape[1]) if np.abs(together).max() < 1e-9 else np.zeros(effectiveness.shape[1])
+        null = (
+            np.ones(effectiveness.shape[1])
+            if np.abs(together).max() < 1e-9
+            else np.zeros(effectiveness.shape[1])
+        )
         return cls(np.linalg.pinv(effectiveness), null, vehicle.mean_motion, vehicle.control_period)
 
-    def fly(self, data: NDArray[np.float64], slots: NDArray[np.float64], first: int, craft: int, worlds: int) -> None:
+    def fly(
+        self, data: NDArray[np.float64], slots: NDArray[np.float64], first: int, craft: int, worlds: int
+    ) -> None:
         """Write duties for the craft from number ``first`` (from 0) on of every world.
 
         Args:
@@ -75,9 +81,21 @@ def _hold_slots(data, slots, first, craft, worlds, inverse, null, mean_motion, p
             wanted = rotate(
                 q,
                 (
-                    _pull(data[b, m, w] - slots[world, c, 0], data[b, m + 3, w] - slots[world, c, 3], a, period),
-                    _pull(data[b, m + 1, w] - slots[world, c, 1], data[b, m + 4, w] - slots[world, c, 4], a, period),
-                    _pull(data[b, m + 2, w] - slots[world, c, 2], data[b, m + 5, w] - slots[world, c, 5], a, period),
+                    _pull(
+                        data[b, m, w] - slots[world, c, 0], data[b, m + 3, w] - slots[world, c, 3], a, period
+                    ),
+                    _pull(
+                        data[b, m + 1, w] - slots[world, c, 1],
+                        data[b, m + 4, w] - slots[world, c, 4],
+                        a,
+                        period,
+                    ),
+                    _pull(
+                        data[b, m + 2, w] - slots[world, c, 2],
+                        data[b, m + 5, w] - slots[world, c, 5],
+                        a,
+                        period,
+                    ),
                 ),
             )
             for k in range(3):

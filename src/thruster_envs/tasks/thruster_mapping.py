@@ -113,17 +113,28 @@ class ThrusterMapping(Task):
             return super().fault_source()
         period = self.vehicle.control_period
         return FaultDistribution(
-            probability=0.8, kinds=("stuck_off", "loss"), onset=(0.0, 0.5 * COMMANDS * period), onset_grid=period
+            probability=0.8,
+            kinds=("stuck_off", "loss"),
+            onset=(0.0, 0.5 * COMMANDS * period),
+            onset_grid=period,
         )
 
     def linear_vehicle(self) -> Spacecraft:
         """The vehicle without feed coupling, scatter, minimum pulses, valve delays and depletion."""
         plain = {
             name: 0.0
-            for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "scatter")
+            for name in (
+                "minimum_pulse",
+                "opening_delay",
+                "closing_delay",
+                "rise_time",
+                "fall_time",
+                "scatter",
+            )
         }
         thrusters = tuple(
-            dataclasses.replace(thruster, **plain, specific_impulse=np.inf) for thruster in self.vehicle.thrusters
+            dataclasses.replace(thruster, **plain, specific_impulse=np.inf)
+            for thruster in self.vehicle.thrusters
         )
         return self.vehicle.replace(thrusters=thrusters, feed=Feed())
 
@@ -136,10 +147,21 @@ class ThrusterMapping(Task):
         )
 
     def reset(
-        self, state: MappingState, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
+        self,
+        state: MappingState,
+        which: NDArray[np.int64],
+        keys: NDArray[np.uint64],
+        episodes: NDArray[np.uint64],
     ) -> None:
         """First command of an episode."""
-        for array in (state.answered, state.delivered, state.measured, state.expected, state.terms, state.sums):
+        for array in (
+            state.answered,
+            state.delivered,
+            state.measured,
+            state.expected,
+            state.terms,
+            state.sums,
+        ):
             array[which] = 0.0
         _draw_commands(state.fleet.data, state.fleet.streams, which, state.model.authority, state.command)
 
@@ -205,7 +227,9 @@ def _draw_commands(data, streams, which, authority, commands):
             uniform[2 * k], uniform[2 * k + 1] = uniform_pair(words[k])
         kind = int(4.0 * uniform[0])
         axis = int(6.0 * uniform[1])
-        reach = 1.0 if kind == SINGLE_AXIS else 0.3 if kind == COUPLED else 1.5 if kind == SATURATING else 0.02
+        reach = (
+            1.0 if kind == SINGLE_AXIS else 0.3 if kind == COUPLED else 1.5 if kind == SATURATING else 0.02
+        )
         for k in range(6):
             taken = kind != SINGLE_AXIS or k == axis
             commands[world, k] = reach * (2.0 * uniform[2 + k] - 1.0) * authority[k] if taken else 0.0

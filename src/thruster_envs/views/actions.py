@@ -29,7 +29,9 @@ class _Allocation:
     def __init__(self, env: Any, mapper: Mapper) -> None:
         base = env.unwrapped
         if not isinstance(base, (TaskEnv, TaskVectorEnv)):
-            raise TypeError(f"{type(base).__name__} is no environment of thruster_envs, so there are no thrusters to map to")
+            raise TypeError(
+                f"{type(base).__name__} is no environment of thruster_envs, so there are no thrusters to map to"
+            )
         self.worlds, self.task, self.mapper = base.worlds, base.task, mapper
         self.thrusters = self.task.action_size
         self.authority = self.task.vehicle.authority()
@@ -112,10 +114,14 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any]):
         _has_command(self._allocation)
         n = self._allocation.thrusters
         self.action_space = spaces.Box(-1.0, 1.0, (n,), dtype=np.float32)
-        self.observation_space = _with_belief(env.observation_space, n) if observe_belief else env.observation_space
+        self.observation_space = (
+            _with_belief(env.observation_space, n) if observe_belief else env.observation_space
+        )
         self._belief = np.ones(n)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, believing every thruster healthy."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._belief = np.ones(self._allocation.thrusters)
@@ -129,7 +135,9 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any]):
         return self._seen(observation), reward, terminated, truncated, info
 
     def _seen(self, observation: Any) -> Any:
-        return np.concatenate([observation, self._belief.astype(np.float32)]) if self._observe else observation
+        return (
+            np.concatenate([observation, self._belief.astype(np.float32)]) if self._observe else observation
+        )
 
 
 class VectorBeliefAction(VectorWrapper):
@@ -159,7 +167,9 @@ class VectorBeliefAction(VectorWrapper):
         self._belief = _health(_finite(actions, *self._belief.shape))
         base = self.env.unwrapped
         begins = base.pending_resets
-        observations, rewards, terminated, truncated, infos = self.env.step(self._allocation.from_health(self._belief))
+        observations, rewards, terminated, truncated, infos = self.env.step(
+            self._allocation.from_health(self._belief)
+        )
         if "final_obs" in infos:
             infos["final_obs"] = self._seen(infos["final_obs"])
         if base.autoreset_mode == AutoresetMode.SAME_STEP:
@@ -168,7 +178,11 @@ class VectorBeliefAction(VectorWrapper):
         return self._seen(observations), rewards, terminated, truncated, infos
 
     def _seen(self, observations: Any) -> Any:
-        return np.concatenate([observations, self._belief.astype(np.float32)], axis=1) if self._observe else observations
+        return (
+            np.concatenate([observations, self._belief.astype(np.float32)], axis=1)
+            if self._observe
+            else observations
+        )
 
 
 def _health(actions: Array) -> Array:
@@ -187,5 +201,7 @@ def _finite(action: Any, *shape: int) -> Array:
     if array.shape != shape:
         raise ValueError(f"the action has the shape {array.shape}; {shape} would be right")
     if not np.isfinite(array).all():
-        raise ValueError(f"the action has the entry {array[~np.isfinite(array)][0]}; numbers from -1 to 1 would be right")
+        raise ValueError(
+            f"the action has the entry {array[~np.isfinite(array)][0]}; numbers from -1 to 1 would be right"
+        )
     return array

@@ -44,7 +44,9 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.state_space = spaces.Box(-np.inf, np.inf, (size,), dtype=np.float32)
         box = self.observation_spaces[self.possible_agents[0]]
         self.state_space = spaces.Box(
-            np.tile(box.low, len(self.possible_agents)), np.tile(box.high, len(self.possible_agents)), dtype=np.float32
+            np.tile(box.low, len(self.possible_agents)),
+            np.tile(box.high, len(self.possible_agents)),
+            dtype=np.float32,
         )
         self._generator = np.random.default_rng()
         self._camera = Camera(self.worlds, 0, "FormationKeeping")
@@ -79,7 +81,9 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):
             raise ValueError("the episode is over or has not begun; call reset() before step()")
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
-            raise ValueError(f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right")
+            raise ValueError(
+                f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
+            )
         self.worlds.max_episode_steps = self.max_cycles
         step = self.worlds.step(np.stack([np.asarray(actions[agent]) for agent in self.agents])[np.newaxis])
         self._watch(begins=False)

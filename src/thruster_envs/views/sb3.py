@@ -40,7 +40,9 @@ class _BatchVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not possible for single members of a batch; make the batch with another configuration."""
-        raise AttributeError(f"{attr_name} cannot be set in members of a batch; make the batch with another configuration")
+        raise AttributeError(
+            f"{attr_name} cannot be set in members of a batch; make the batch with another configuration"
+        )
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """The batch's method, called once; its result for each index."""
@@ -89,7 +91,9 @@ class SB3VecEnv(_BatchVecEnv):
         self._reset_options()
         return observations
 
-    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(
+        self,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """One step of every world."""
         observations, rewards, terminated, truncated, latest = self.env.step(self.actions)
         self._latest = latest
@@ -134,7 +138,12 @@ class SharedPolicyVecEnv(_BatchVecEnv):
     """
 
     def __init__(
-        self, num_worlds: int, *, max_episode_steps: int | None = None, threads: int | None = None, **configuration: Any
+        self,
+        num_worlds: int,
+        *,
+        max_episode_steps: int | None = None,
+        threads: int | None = None,
+        **configuration: Any,
     ) -> None:
         self.task = make_task(FormationKeeping, configuration, {})
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
@@ -148,7 +157,9 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         seeds = self._seeds[:: self.craft]
         if not self.worlds.seeded or all(seed is not None for seed in seeds):
             fresh = int(np.random.SeedSequence().entropy) >> 66 if any(seed is None for seed in seeds) else 0  # type: ignore[arg-type]  # an int
-            given = [fresh + world if seed is None else checked_seed(seed) for world, seed in enumerate(seeds)]
+            given = [
+                fresh + world if seed is None else checked_seed(seed) for world, seed in enumerate(seeds)
+            ]
             self.worlds.seed(np.arange(self.worlds.number), given)
         self.worlds.reset(np.arange(self.worlds.number), next((one for one in self._options if one), None))
         self._latest = self.worlds.info()
@@ -157,7 +168,9 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         self._reset_options()
         return self._rows(self.worlds.observe())
 
-    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(
+        self,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """One step of every world."""
         actions = np.asarray(self.actions).reshape(self.worlds.number, self.craft, -1)
         step = self.worlds.step(actions)

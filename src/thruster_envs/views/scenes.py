@@ -67,7 +67,11 @@ class Camera:
         time = float(fleet.read(at.STEP)[world, 0, 0]) * period
         active = (rows[..., 0] > 0.0) & (rows[..., 3] <= time) & (time < rows[..., 4])
         path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
-        slots = worlds.state.slots[world, :, :3] if isinstance(task, FormationKeeping) else np.zeros((fleet.craft, 3))
+        slots = (
+            worlds.state.slots[world, :, :3]
+            if isinstance(task, FormationKeeping)
+            else np.zeros((fleet.craft, 3))
+        )
         craft = tuple(
             CraftScene(
                 position=fleet.read(at.POSITION, 3)[world, c],
@@ -92,7 +96,12 @@ class Camera:
             distance = float(np.linalg.norm(craft[0].position - craft[0].target))
             readouts.insert(0, ("distance", f"{distance:.1f} m"))
         return Scene(
-            spacecraft=task.vehicle, craft=craft, time=time, title=self.title, readouts=tuple(readouts), bars=bars
+            spacecraft=task.vehicle,
+            craft=craft,
+            time=time,
+            title=self.title,
+            readouts=tuple(readouts),
+            bars=bars,
         )
 
 

@@ -91,7 +91,9 @@ class TaskEnv(gym.Env[Observation, Observation]):
         if self.render_mode == "human":
             self._camera.show()
             return None
-        raise gym.error.Error("render_mode is None; make the environment with render_mode='rgb_array' or 'human'")
+        raise gym.error.Error(
+            "render_mode is None; make the environment with render_mode='rgb_array' or 'human'"
+        )
 
     def close(self) -> None:
         """Close the window, if there is one."""

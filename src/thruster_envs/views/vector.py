@@ -79,7 +79,9 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
             self.autoreset_mode = AutoresetMode(mode)
         except ValueError:
             values = ", ".join(repr(one.value) for one in AutoresetMode)
-            raise ValueError(f"autoreset_mode is {mode!r}; an AutoresetMode or one of {values} would be right") from None
+            raise ValueError(
+                f"autoreset_mode is {mode!r}; an AutoresetMode or one of {values} would be right"
+            ) from None
         self.metadata = dict(type(self).metadata) | {"autoreset_mode": self.autoreset_mode}  # type: ignore[misc]  # per instance on purpose
 
     def reset(
@@ -102,7 +104,9 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
             return np.ones(self.num_envs, np.bool_)
         mask = options["reset_mask"]
         if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
-            raise ValueError(f"reset_mask is {mask!r}; a bool array of shape ({self.num_envs},) would be right")
+            raise ValueError(
+                f"reset_mask is {mask!r}; a bool array of shape ({self.num_envs},) would be right"
+            )
         if not mask.any():
             raise ValueError("reset_mask is False everywhere; at least one True would be right")
         if not mask.all() and not self.worlds.seeded:
@@ -120,7 +124,9 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
             return
         seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed has {len(seeds)} entries; one for each of the {self.num_envs} worlds would be right")
+            raise ValueError(
+                f"seed has {len(seeds)} entries; one for each of the {self.num_envs} worlds would be right"
+            )
         given = np.array([world for world in which if seeds[world] is not None], np.int64)
         if not self.worlds.seeded and given.size < self.num_envs:
             everyone = np.arange(self.num_envs)
@@ -218,7 +224,9 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
 
 
 def _first_agent(info: dict[str, Any]) -> dict[str, Any]:
-    return {key: _first_agent(value) if isinstance(value, dict) else value[:, 0] for key, value in info.items()}
+    return {
+        key: _first_agent(value) if isinstance(value, dict) else value[:, 0] for key, value in info.items()
+    }
 
 
 def _only(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
@@ -228,7 +236,9 @@ def _only(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
         if isinstance(value, dict):
             result[key] = _only(value, mask)
         else:
-            result[key] = np.where(mask.reshape((-1,) + (1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
+            result[key] = np.where(
+                mask.reshape((-1,) + (1,) * (value.ndim - 1)), value, np.zeros((), value.dtype)
+            )
     return result
 
 

@@ -60,8 +60,12 @@ class Worlds:
     def __init__(
         self, task: Task, number: int, *, max_episode_steps: int | None = None, threads: int | None = None
     ) -> None:
-        if max_episode_steps is not None and not (isinstance(max_episode_steps, int) and max_episode_steps > 0):
-            raise ValueError(f"max_episode_steps is {max_episode_steps!r}; a whole number above 0, or None, would be right")
+        if max_episode_steps is not None and not (
+            isinstance(max_episode_steps, int) and max_episode_steps > 0
+        ):
+            raise ValueError(
+                f"max_episode_steps is {max_episode_steps!r}; a whole number above 0, or None, would be right"
+            )
         self.task, self.number, self.max_episode_steps = task, number, max_episode_steps
         self.state = task.create(number, threads)
         self.fleet = self.state.fleet
