@@ -26,9 +26,9 @@ CORNERS_WITH_DYNAMICS, CORNERS, FAULT_CORNERS = 7, 1, 5
 
 
 @njit(forceinline=True)
-def sort_rows(rows, comparators):
-    """Sort every lane of ``rows`` (k, lanes) upwards by a fixed network of ``comparators`` (p, 2)."""
-    for p in range(comparators.shape[0]):
+def sort_rows(rows, comparators, first, last):
+    """Sort every lane of ``rows`` (k, lanes) upwards by the fixed network that stands in ``comparators`` (p, 2) from ``first`` to ``last``."""
+    for p in range(first, last):
         i, j = comparators[p, 0], comparators[p, 1]
         for w in range(rows.shape[1]):
             a, b = rows[i, w], rows[j, w]
@@ -76,16 +76,13 @@ def valve_corners(row, corners, w, start_level, tail, opening, closing, rise, fa
 
 @njit
 def severity(fault, t):
-    """Severity of an active fault at time ``t`` of the episode, in the unit of its kind; 0 in the pauses of an intermittent profile."""
+    """Severity of an active fault at time ``t`` of the episode, in the unit of its kind."""
     since = t - fault[code.FIELD_ONSET]
     profile = fault[code.FIELD_PROFILE]
     if profile == code.RAMP:
         return fault[code.FIELD_SEVERITY] * min(1.0, since / fault[code.FIELD_PROFILE_TIME])
     if profile == code.SINE:
         return fault[code.FIELD_SEVERITY] * 0.5 * (1.0 - math.cos(_turns(fault, since)))
-    if profile == code.SQUARE:
-        cycles = since / fault[code.FIELD_PROFILE_TIME]
-        return fault[code.FIELD_SEVERITY] if cycles - math.floor(cycles) < fault[code.FIELD_DWELL] else 0.0
     return fault[code.FIELD_SEVERITY]
 
 
@@ -112,8 +109,13 @@ def _turns(fault, time):
 
 @njit
 def is_active(fault, t):
-    """Whether a fault slot is in use and ``t`` (s of the episode) lies between its onset and its end."""
-    return fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= t < fault[code.FIELD_END]
+    """Whether a fault slot is in use and acts at ``t`` (s of the episode): after its onset, before its end, not in a pause."""
+    if not (fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= t < fault[code.FIELD_END]):
+        return False
+    if fault[code.FIELD_PROFILE] == code.SQUARE:
+        cycles = (t - fault[code.FIELD_ONSET]) / fault[code.FIELD_PROFILE_TIME]
+        return cycles - math.floor(cycles) < fault[code.FIELD_DWELL]
+    return True
 
 
 @njit
@@ -140,14 +142,52 @@ def fault_corners(fault, start, period, corners, row, w):
 
 
 @njit
-def apply_fault(kind, s, level, gain):
-    """Level and gain of a thruster under one fault of severity ``s`` (a share)."""
+def is_steady(fault, start, period):
+    """Whether a fault stays as it is all through a period of ``period`` seconds from ``start`` on; a late opening never counts as steady."""
+    if fault[code.FIELD_KIND] == code.LATE_OPENING:
+        return False
+    end = start + period
+    if fault[code.FIELD_ONSET] > start or fault[code.FIELD_END] < end:
+        return False
+    since, length = start - fault[code.FIELD_ONSET], fault[code.FIELD_PROFILE_TIME]
+    if fault[code.FIELD_PROFILE] == code.RAMP:
+        return since >= length
+    if fault[code.FIELD_PROFILE] == code.SQUARE:
+        cycle = since - math.floor(since / length) * length
+        edge = fault[code.FIELD_DWELL] * length
+        # A little before an edge counts as at the edge, so that rounding cannot hide one.
+        margin = 1e-9 * length
+        return margin < cycle < edge - period - margin or edge + margin < cycle < length - period - margin
+    return fault[code.FIELD_PROFILE] == code.STEP
+
+
+@njit
+def next_change(fault, t):
+    """When a fault next begins, ends or changes after ``t`` (s of the episode); ``t`` itself while it varies smoothly, infinity if never."""
+    if t < fault[code.FIELD_ONSET]:
+        return fault[code.FIELD_ONSET]
+    if t >= fault[code.FIELD_END]:
+        return math.inf
+    profile, since = fault[code.FIELD_PROFILE], t - fault[code.FIELD_ONSET]
+    length = fault[code.FIELD_PROFILE_TIME]
+    if profile == code.SINE or (profile == code.RAMP and since < length):
+        return t
+    if profile == code.SQUARE:
+        cycle = math.floor(since / length)
+        edge = fault[code.FIELD_DWELL] if since / length - cycle < fault[code.FIELD_DWELL] else 1.0
+        return min(fault[code.FIELD_END], fault[code.FIELD_ONSET] + (cycle + edge) * length)
+    return fault[code.FIELD_END]
+
+
+@njit
+def apply_fault(kind, s, floor, slope, gain):
+    """Opening ``floor + slope q`` for a valve level ``q``, and gain, of a thruster under one more fault of severity ``s`` (a share)."""
     if kind == code.STUCK_ON:
-        return s, gain
+        return s, 0.0, gain
     if kind == code.LEAK:
-        return level + s * (1.0 - level), gain
+        return floor + s * (1.0 - floor), slope * (1.0 - s), gain
     if kind == code.STUCK_OFF or kind == code.INTERMITTENT:
-        return level * (1.0 - s), gain
+        return floor * (1.0 - s), slope * (1.0 - s), gain
     if kind == code.LOSS:
-        return level, gain * (1.0 - s)
-    return level, gain
+        return floor, slope, gain * (1.0 - s)
+    return floor, slope, gain

@@ -102,11 +102,9 @@ class Fleet:
         corners = spacecraft.number_of_thrusters * (
             firing.CORNERS_WITH_DYNAMICS if self._dynamic else firing.CORNERS
         )
-        without, within = (
-            _sorting_network(corners),
-            _sorting_network(corners + firing.FAULT_CORNERS * slots),
-        )
-        self._network, self._without_faults = np.concatenate((without, within)), len(without)
+        networks = [_sorting_network(corners + firing.FAULT_CORNERS * busy) for busy in range(slots + 1)]
+        self._networks = np.concatenate(networks)
+        self._starts = np.cumsum([0] + [len(network) for network in networks])
         self._kernel = flight.fly_singly if self.lanes == 1 else flight.fly_blocks
         cores = os.cpu_count() or 1
         wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
@@ -125,9 +123,14 @@ class Fleet:
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table, rows = source.encode(n, self.craft), np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
+            table, rows = (
+                source.encode(n, self.craft),
+                np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS))),
+            )
             if source.count[1] > self.slots:
-                raise ValueError(f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right")
+                raise ValueError(
+                    f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
+                )
         else:
             rows, table = encode(source, self.craft, n, self.slots), np.zeros(1)
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
@@ -176,7 +179,7 @@ class Fleet:
 
     def _fly(self, move: bool, first: int, last: int) -> None:
         self._kernel(
-            self.data, self.faults, self.streams, self.thrusters, self.constants, self._network, self._without_faults,
+            self.data, self.faults, self.streams, self.thrusters, self.constants, self._networks, self._starts,
             *self._inertia, self._radius, self._dynamic, move, first, last,
         )  # fmt: skip
 
@@ -198,7 +201,9 @@ class Fleet:
         """A copy of the encoded faults, (worlds, craft, slots, 9)."""
         rows = self.faults[..., : len(code.FAULT_FIELDS)].reshape(-1, self.slots, len(code.FAULT_FIELDS))
         return (
-            rows[: self.worlds * self.craft].reshape(self.worlds, self.craft, self.slots, rows.shape[-1]).copy()
+            rows[: self.worlds * self.craft]
+            .reshape(self.worlds, self.craft, self.slots, rows.shape[-1])
+            .copy()
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:

@@ -28,18 +28,42 @@ _R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
 # Rows of the sums over thrusters at one node of a piece (start, middle, end): body wrench, mass flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
-_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CLOCK = 0, 1, 2, 3, 4, 5, 6
+_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start, middle and end.
 _H, _LOAD, _ENTRY = 0, 7, 22
 # Per-thruster groups of rows of the valves: command and carry-over, true strength, nominal duration.
-_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = 0, 1, 2, 3, 4, 5, 6, 7, 8
-# Per-thruster groups of rows of the nodes: valve level, gain and thrust (share of nominal), three nodes each.
-_Q_NODE, _GAIN, _THRUST, _NODE_GROUPS = 0, 3, 6, 9
+_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+)
+# Per-thruster groups of rows of the nodes (start, middle, end of a piece): opening, thrust as a share of nominal, and what faults make of a
+# valve level q, namely an opening of ``floor + slope q`` and a thrust multiplied by ``gain``.
+_OPENING, _THRUST, _FLOOR, _SLOPE, _GAIN, _NODE_GROUPS = 0, 3, 6, 9, 12, 15
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def fly_blocks(
-    data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly, first, last
+    data,
+    faults,
+    streams,
+    thrusters,
+    constants,
+    networks,
+    starts,
+    inertia,
+    inverse,
+    radius,
+    dynamic,
+    fly,
+    first,
+    last,
 ):
     """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
 
@@ -63,14 +87,27 @@ def fly_blocks(
     sight = np.zeros((SIGHT_ROWS, 32))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def fly_singly(
-    data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly, first, last
+    data,
+    faults,
+    streams,
+    thrusters,
+    constants,
+    networks,
+    starts,
+    inertia,
+    inverse,
+    radius,
+    dynamic,
+    fly,
+    first,
+    last,
 ):
     """The same as :func:`fly_blocks` for blocks of one craft."""
     n, slots = thrusters.shape[1], faults.shape[2]
@@ -89,14 +126,14 @@ def fly_singly(
     sight = np.zeros((SIGHT_ROWS, 1))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
 
 @njit(forceinline=True)
 def _fly_block(
-    b, data, faults, streams, thrusters, constants, network, without_faults, inertia, inverse, radius, dynamic, fly,
+    b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
     corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
 ):  # fmt: skip
     n = thrusters.shape[1]
@@ -111,20 +148,19 @@ def _fly_block(
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
     _draw(b, data, streams, words, n)
-    faulted, ramping = _faults_of_period(b, faults, clock, period)
-    _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, words, valves, state)
-    used = _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, valves, corners, clock)
-    firing.sort_rows(corners, network[without_faults:] if faulted else network[:without_faults])
+    node_count, busy_slots = _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n)
+    changing = busy_slots > 0
+    _command_valves(
+        b, data, faults, thrusters, constants, dynamic, changing, clock[_CHANGES], words, valves, state
+    )
+    used = _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves, corners, clock)
+    firing.sort_rows(corners, networks, starts[busy_slots], starts[busy_slots + 1])
     for k in range(_SUMS):
         for w in range(lanes):
             impulse[k, w] = 0.0
     for i in range(n):
         for w in range(lanes):
             valves[_DELIVERED * n + i, w] = 0.0
-    node_count = 3 if dynamic or ramping else 1
-    for k in range(node_count * n):
-        for w in range(lanes):
-            nodes[_GAIN * n + k, w] = 1.0
     max_substep = constants[at.MAX_SUBSTEP]
     for w in range(lanes):
         clock[_BEFORE, w] = 0.0
@@ -134,12 +170,12 @@ def _fly_block(
             for w in range(lanes):
                 length = clock[_PIECE, w] / clock[_PARTS, w]
                 clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
-            _levels(valves, clock, thrusters, dynamic, node_count, nodes)
-            if faulted:
-                _apply_faults(b, faults, clock, node_count, nodes, n)
+            if changing:
+                _follow_changes(b, faults, clock, node_count, nodes, n)
+            _openings(valves, clock, thrusters, dynamic, node_count, nodes)
             _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
-            if faulted:
-                _tilt(b, faults, clock, columns, node_count, nodes, sums, n)
+            if changing:
+                _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n)
             _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
             if fly:
                 _schedule(max_substep, clock, node_count, sums, schedule, cursor)
@@ -172,31 +208,69 @@ def _draw(b, data, streams, words, n):
 
 
 @njit(forceinline=True)
-def _faults_of_period(b, faults, clock, period):
-    """Whether any craft of the block has a fault that touches this period, and whether one of those changes smoothly."""
-    faulted, ramping = False, False
-    for w in range(clock.shape[1]):
+def _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n):
+    """Sort out the faults of a block for one period.
+
+    What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft with a fault that begins, ends or varies within
+    the period are marked in the clock. Returns how many nodes a piece needs (one if everything is constant in it) and the number of the last slot in use in a
+    marked craft, from 1 (0 if none is marked).
+    """
+    lanes = clock.shape[1]
+    busy_slots, smooth, faulty = 0, dynamic, False
+    for w in range(lanes):
+        clock[_CHANGES, w], clock[_WAVES, w], clock[_UNTIL, w] = 0.0, 0.0, -1.0
         start = clock[_START, w]
-        clock[_WAVES, w] = 0.0
         for k in range(faults.shape[2]):
             if (
                 faults[b, w, k, code.FIELD_KIND] > 0.0
                 and faults[b, w, k, code.FIELD_ONSET] < start + period
                 and faults[b, w, k, code.FIELD_END] > start
             ):
-                faulted = True
-                profile = faults[b, w, k, code.FIELD_PROFILE]
-                ramping |= profile == code.RAMP or profile == code.SINE
-                if profile == code.SINE:
-                    clock[_WAVES, w] = 1.0
-    return faulted, ramping
+                faulty = True
+                if not firing.is_steady(faults[b, w, k], start, period):
+                    clock[_CHANGES, w] = 1.0
+                    profile = faults[b, w, k, code.FIELD_PROFILE]
+                    smooth |= profile == code.RAMP or profile == code.SINE
+                    if profile == code.RAMP or profile == code.SINE:
+                        clock[_WAVES, w] = 1.0
+        if clock[_CHANGES, w] > 0.0:
+            for k in range(busy_slots, faults.shape[2]):
+                busy_slots = k + 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else busy_slots
+    node_count = 3 if smooth else 1
+    for k in range(node_count * n):
+        for w in range(lanes):
+            nodes[_FLOOR * n + k, w] = 0.0
+            nodes[_SLOPE * n + k, w] = 1.0
+            nodes[_GAIN * n + k, w] = 1.0
+    if faulty:
+        for w in range(lanes):
+            if clock[_CHANGES, w] == 0.0:
+                _apply_steady_faults(b, w, faults, clock[_START, w], period, node_count, columns, nodes, n)
+    return node_count, busy_slots
+
+
+@njit
+def _apply_steady_faults(b, w, faults, start, period, node_count, columns, nodes, n):
+    """Put the faults of a craft all of whose faults are steady into its rows, for the whole period."""
+    middle = start + 0.5 * period
+    _apply_faults(b, w, faults, middle, middle, node_count, nodes, n)
+    for k in range(faults.shape[2]):
+        if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT and firing.is_active(
+            faults[b, w, k], middle
+        ):
+            fault = faults[b, w, k]
+            row, tilt = 6 * int(fault[code.FIELD_THRUSTER]), firing.severity(fault, middle)
+            for c in range(6):
+                columns[row + c, w] = (
+                    math.cos(tilt) * columns[row + c, w] + math.sin(tilt) * fault[at.FAULT_TILTED + c]
+                )
 
 
 @njit(forceinline=True)
 def _parts(s, used, period, max_substep, corners, clock):
     """Length of piece ``s`` of each craft, and into how many equal parts it goes; returns the most of these, 0 if no craft has such a piece.
 
-    A piece is one part, unless a fault with a sine profile bends the thrust: then a part is no longer than a sub-step.
+    A piece is one part, unless a fault that ramps or waves bends the thrust: then a part is no longer than a sub-step.
     """
     most, longest = 1.0, 0.0
     for w in range(clock.shape[1]):
@@ -212,7 +286,7 @@ def _parts(s, used, period, max_substep, corners, clock):
 
 
 @njit(forceinline=True)
-def _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, words, valves, state):
+def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, changes, words, valves, state):
     """Opening and closing times in the period, carry-over from the last one, strength with scatter, nominal duration."""
     n, lanes = thrusters.shape[1], state.shape[1]
     period, dry_mass = constants[at.PERIOD], constants[at.DRY_MASS]
@@ -239,9 +313,10 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, faulted, wor
         for w in range(lanes):
             strength = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
             valves[_STRENGTH * n + i, w] = strength if state[_M, w] > dry_mass else 0.0
-    if faulted:
+    if changing:
         for w in range(lanes):
-            _late_openings(b, w, faults, data, period, valves, n)
+            if changes[w] > 0.0:
+                _late_openings(b, w, faults, data, period, valves, n)
     for i in range(n):
         for w in range(lanes):
             valves[_RUN * n + i, w] = valves[_OPENS * n + i, w]
@@ -302,7 +377,7 @@ def _late_openings(b, w, faults, data, period, valves, n):
 
 
 @njit(forceinline=True)
-def _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, valves, corners, clock):
+def _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves, corners, clock):
     """Fill the rows of ``corners`` in use and return how many they are."""
     n, lanes = thrusters.shape[1], clock.shape[1]
     used = n
@@ -320,77 +395,95 @@ def _corners_of_period(b, data, faults, thrusters, period, dynamic, faulted, val
             for w in range(lanes):
                 closing = valves[_CLOSES * n + i, w]
                 corners[i, w] = closing if (closing > 0.0) & (closing < period) else period
-    if faulted:
-        for w in range(lanes):
-            for k in range(faults.shape[2]):
+    for w in range(lanes):
+        if clock[_CHANGES, w] > 0.0:
+            for k in range(busy_slots):
                 row = used + firing.FAULT_CORNERS * k
                 fault = faults[b, w, k]
                 firing.fault_corners(fault, clock[_START, w], period, corners, row, w)
                 opening = valves[_OPENS * n + int(fault[code.FIELD_THRUSTER]), w]
                 late = fault[code.FIELD_KIND] == code.LATE_OPENING and opening < period
                 corners[row + 4, w] = opening if late else period
-        used += firing.FAULT_CORNERS * faults.shape[2]
-    return used
+        else:
+            for row in range(used, used + firing.FAULT_CORNERS * busy_slots):
+                corners[row, w] = period
+    return used + firing.FAULT_CORNERS * busy_slots
 
 
 @njit(forceinline=True)
-def _levels(valves, clock, thrusters, dynamic, node_count, nodes):
-    """Valve levels, 0..1, at the nodes of the piece."""
+def _openings(valves, clock, thrusters, dynamic, node_count, nodes):
+    """How far each thruster is open at the nodes of the piece, faults included."""
     n, lanes = thrusters.shape[1], clock.shape[1]
     if dynamic:
         for i in range(n):
             rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
+            f, s = _FLOOR * n + i, _SLOPE * n + i
             for w in range(lanes):
                 level, tail = valves[_LEVEL * n + i, w], valves[_TAIL * n + i, w]
                 opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
                 t, length = clock[_BEFORE, w], clock[_LENGTH, w]
                 a = firing.valve_level(t + 0.25 * length, level, tail, opening, closing, rise, fall)
                 z = firing.valve_level(t + 0.75 * length, level, tail, opening, closing, rise, fall)
-                nodes[i, w] = a - 0.5 * (z - a)
-                nodes[n + i, w] = 0.5 * (a + z)
-                nodes[2 * n + i, w] = z + 0.5 * (z - a)
+                nodes[i, w] = nodes[f, w] + nodes[s, w] * (a - 0.5 * (z - a))
+                nodes[n + i, w] = nodes[f + n, w] + nodes[s + n, w] * (0.5 * (a + z))
+                nodes[2 * n + i, w] = nodes[f + 2 * n, w] + nodes[s + 2 * n, w] * (z + 0.5 * (z - a))
     else:
-        for i in range(n):
-            for w in range(lanes):
-                middle = clock[_BEFORE, w] + 0.5 * clock[_LENGTH, w]
-                is_open = (middle >= valves[_OPENS * n + i, w]) & (middle < valves[_CLOSES * n + i, w])
-                nodes[i, w] = 1.0 if is_open else 0.0
-        for k in range(1, node_count):
+        for k in range(node_count):
             for i in range(n):
+                f, s = (_FLOOR + k) * n + i, (_SLOPE + k) * n + i
                 for w in range(lanes):
-                    nodes[k * n + i, w] = nodes[i, w]
+                    middle = clock[_BEFORE, w] + 0.5 * clock[_LENGTH, w]
+                    is_open = (middle >= valves[_OPENS * n + i, w]) & (middle < valves[_CLOSES * n + i, w])
+                    nodes[k * n + i, w] = nodes[f, w] + (nodes[s, w] if is_open else 0.0)
 
 
 @njit(forceinline=True)
-def _apply_faults(b, faults, clock, node_count, nodes, n):
-    """Level and gain of the faulty thrusters of the block, lane by lane: stuck open, then leaking, then blocked, then lossy."""
+def _follow_changes(b, faults, clock, node_count, nodes, n):
+    """Renew what the faults make of the thrusters of the marked craft, for the coming piece."""
     for w in range(clock.shape[1]):
-        if clock[_LENGTH, w] > 0.0:
-            _apply_faults_to(b, w, faults, clock, node_count, nodes, n)
+        if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
+            middle = clock[_BEFORE, w] + 0.5 * clock[_LENGTH, w]
+            if middle >= clock[_UNTIL, w]:
+                start, length = clock[_START, w] + clock[_BEFORE, w], clock[_LENGTH, w]
+                _apply_faults(b, w, faults, start, start + length, node_count, nodes, n)
+                clock[_UNTIL, w] = _next_change(b, w, faults, start + 0.5 * length) - clock[_START, w]
 
 
 @njit
-def _apply_faults_to(b, w, faults, clock, node_count, nodes, n):
-    start = clock[_START, w] + clock[_BEFORE, w]
-    end = start + clock[_LENGTH, w]
+def _next_change(b, w, faults, t):
+    """Until when what the faults make of a craft's thrusters stays as it is at ``t``, s of the episode; ``t`` itself while something varies smoothly."""
+    until = math.inf
     for k in range(faults.shape[2]):
         if faults[b, w, k, code.FIELD_KIND] > 0.0:
+            until = min(until, firing.next_change(faults[b, w, k], t))
+    return until
+
+
+@njit
+def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
+    """Floor, slope and gain of the faulty thrusters of a craft between two moments: stuck open, then leaking, then blocked or lossy."""
+    used = 0
+    for k in range(faults.shape[2]):
+        if faults[b, w, k, code.FIELD_KIND] > 0.0:
+            used += 1
             i = int(faults[b, w, k, code.FIELD_THRUSTER])
             for node in range(node_count):
+                nodes[(_FLOOR + node) * n + i, w] = 0.0
+                nodes[(_SLOPE + node) * n + i, w] = 1.0
                 nodes[(_GAIN + node) * n + i, w] = 1.0
-    for rank in range(3):
+    for rank in range(3 if used > 1 else 1):
         for k in range(faults.shape[2]):
-            fault = faults[b, w, k]
-            kind = int(fault[code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank == rank and firing.is_active(fault, 0.5 * (start + end)):
-                i = int(fault[code.FIELD_THRUSTER])
-                s0, sm, s1 = firing.severity_nodes(fault, start, end)
+            kind = int(faults[b, w, k, code.FIELD_KIND])
+            its_rank = 0 if kind == code.STUCK_ON or used == 1 else (1 if kind == code.LEAK else 2)
+            if kind > 0 and its_rank == rank and firing.is_active(faults[b, w, k], 0.5 * (start + end)):
+                i = int(faults[b, w, k, code.FIELD_THRUSTER])
+                s0, sm, s1 = firing.severity_nodes(faults[b, w, k], start, end)
                 for node in range(node_count):
                     s = s0 if node == 0 else (sm if node == 1 else s1)
-                    level, gain = nodes[(_Q_NODE + node) * n + i, w], nodes[(_GAIN + node) * n + i, w]
-                    level, gain = firing.apply_fault(kind, s, level, gain)
-                    nodes[(_Q_NODE + node) * n + i, w], nodes[(_GAIN + node) * n + i, w] = level, gain
+                    f, r, g = (_FLOOR + node) * n + i, (_SLOPE + node) * n + i, (_GAIN + node) * n + i
+                    nodes[f, w], nodes[r, w], nodes[g, w] = firing.apply_fault(
+                        kind, s, nodes[f, w], nodes[r, w], nodes[g, w]
+                    )
 
 
 @njit(forceinline=True)
@@ -402,7 +495,7 @@ def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums
     n, lanes = thrusters.shape[1], sums.shape[1]
     fours = n - n % 4
     for node in range(node_count):
-        level, thrust, row = (_Q_NODE + node) * n, (_THRUST + node) * n, _SUMS * node
+        level, thrust, row = (_OPENING + node) * n, (_THRUST + node) * n, _SUMS * node
         for k in range(_SUMS):
             for w in range(lanes):
                 sums[row + k, w] = 0.0
@@ -425,9 +518,9 @@ def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums
             t, c = thrust + i, 6 * i
             for k in range(6):
                 for w in range(lanes):
-                    sums[row + k, w] += (nodes[t, w] * columns[c + k, w] + nodes[t + 1, w] * columns[c + 6 + k, w]) + (
-                        nodes[t + 2, w] * columns[c + 12 + k, w] + nodes[t + 3, w] * columns[c + 18 + k, w]
-                    )
+                    sums[row + k, w] += (
+                        nodes[t, w] * columns[c + k, w] + nodes[t + 1, w] * columns[c + 6 + k, w]
+                    ) + (nodes[t + 2, w] * columns[c + 12 + k, w] + nodes[t + 3, w] * columns[c + 18 + k, w])
         for i in range(fours, n):
             for k in range(6):
                 for w in range(lanes):
@@ -435,12 +528,13 @@ def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums
 
 
 @njit(forceinline=True)
-def _tilt(b, faults, clock, columns, node_count, nodes, sums, n):
-    """Turn the thrust of the misaligned thrusters of the block, lane by lane."""
+def _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n):
+    """Turn the thrust of the misaligned thrusters of the marked craft."""
     for w in range(clock.shape[1]):
-        for k in range(faults.shape[2]):
-            if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT and clock[_LENGTH, w] > 0.0:
-                _tilt_one(faults[b, w, k], w, clock, columns, node_count, nodes, sums, n)
+        if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
+            for k in range(faults.shape[2]):
+                if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT:
+                    _tilt_one(faults[b, w, k], w, clock, columns, node_count, nodes, sums, n)
 
 
 @njit

@@ -107,7 +107,13 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
             sight[6, w], sight[7, w], sight[8, w], sight[9, w], sight[10, w], sight[11, w],
         )  # fmt: skip
         new = measure(truth, normal, constants)
-        sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w] = new[0], new[1], new[2], new[3], new[4]
+        sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w] = (
+            new[0],
+            new[1],
+            new[2],
+            new[3],
+            new[4],
+        )
         sight[30, w], sight[31, w], sight[32, w], sight[33, w] = new[5], new[6], new[7], new[8]
         sight[34, w], sight[35, w], sight[36, w], sight[37, w] = new[9], new[10], new[11], new[12]
     for w in range(lanes):
