@@ -1,6 +1,7 @@
 """Reinforcement-learning environments for spacecraft that fly on thrusters which fail.
 
-Importing the package registers its environments with Gymnasium; everything else is loaded when it is first used.
+Importing the package registers its environments with Gymnasium; everything else is loaded when it is first
+used.
 
 >>> import gymnasium as gym
 >>> import thruster_envs

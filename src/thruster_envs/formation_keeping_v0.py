@@ -1,4 +1,6 @@
-"""PettingZoo module of formation keeping, by PettingZoo's convention: ``parallel_env``, ``env`` (one agent at a time) and ``raw_env``.
+"""Formation keeping as a PettingZoo module: ``parallel_env``, ``env`` (one agent at a time) and ``raw_env``.
+
+Importing it registers ``thruster_envs/formation_keeping_v0`` with PettingZoo.
 
 >>> from thruster_envs import formation_keeping_v0
 >>> env = formation_keeping_v0.parallel_env(craft=2)

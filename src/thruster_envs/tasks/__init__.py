@@ -1,4 +1,4 @@
-"""What there is to do: one module per task, each a configuration and a handful of functions over a batch of worlds."""
+"""What there is to do: one module per task, a configuration and a handful of functions over a batch."""
 
 from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Truth
 from thruster_envs.tasks.formation_keeping import FormationKeeping

@@ -1,4 +1,4 @@
-"""Compiled helpers that every task uses: a craft's rows by world and craft, duties in, the oracle view out, observations within their bounds."""
+"""Compiled helpers that every task uses: rows of a craft, duties in, the oracle view out, bounded numbers."""
 
 import math
 
@@ -19,14 +19,27 @@ def place(world, craft, number_of_craft, lanes):
 
 
 @njit(error_model="numpy", cache=True)
-def command_duties(data, actions, number_of_craft):
-    """Write the duties (worlds, agents, n), clipped to 0..1, into the rows of the first craft of each world."""
-    lanes = data.shape[2]
+def duties_of(actions, duties):
+    """Turn actions -1..1 into duties 0..1, (worlds, agents, n) both; False if a number is not finite."""
+    finite = True
     for world in range(actions.shape[0]):
-        for craft in range(actions.shape[1]):
-            b, w = place(world, craft, number_of_craft, lanes)
+        for agent in range(actions.shape[1]):
             for i in range(actions.shape[2]):
-                data[b, at.SCALARS + i, w] = min(max(actions[world, craft, i], 0.0), 1.0)
+                action = actions[world, agent, i]
+                finite &= math.isfinite(action)
+                duties[world, agent, i] = min(max(0.5 * action + 0.5, 0.0), 1.0)
+    return finite
+
+
+@njit(error_model="numpy", cache=True)
+def command_duties(data, duties, number_of_craft):
+    """Write duties (worlds, agents, n) into the rows of the first craft of each world."""
+    lanes = data.shape[2]
+    for world in range(duties.shape[0]):
+        for craft in range(duties.shape[1]):
+            b, w = place(world, craft, number_of_craft, lanes)
+            for i in range(duties.shape[2]):
+                data[b, at.SCALARS + i, w] = duties[world, craft, i]
 
 
 @njit(forceinline=True)
@@ -37,7 +50,10 @@ def bounded(x, bound):
 
 @njit
 def true_health(faults, b, w, start, period, delivered, closed):
-    """What the faults of a craft make of its thrusters over the coming period: share of the on-time delivered, opening when closed."""
+    """What faults make of a craft's thrusters: share of the on-time delivered, and opening when closed.
+
+    Both over the period that begins at ``start``, as the faults stand in its middle.
+    """
     delivered[:] = 1.0
     closed[:] = 0.0
     middle = start + 0.5 * period
@@ -75,10 +91,12 @@ def write_oracle_view(faults, b, w, start, period, row, column):
 
 @njit(error_model="numpy", cache=True)
 def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft, worlds):
-    """The vehicle as it truly is in the coming period: rate change per second of commanded on-time (worlds, craft, 6, n), and what comes without command
-    (worlds, craft, 6). Body axes, m/s^2, rad/s^2; m/s, rad/s. Exact for faults that do not change within the period and whose thrust is
-    proportional to the on-time, feed coupling and scatter apart.
-    """  # fmt: skip
+    """The vehicle as it truly is in the coming period.
+
+    Returns the rate change per second of commanded on-time, (worlds, craft, 6, n) in m/s^2 and rad/s^2, and
+    what comes without a command, (worlds, craft, 6) in m/s and rad/s; body axes. Exact for faults that do not
+    change within the period and whose thrust is proportional to the on-time, feed coupling and scatter apart.
+    """
     n, lanes = wrenches.shape[0], data.shape[2]
     effectiveness, offset = np.zeros((worlds, number_of_craft, 6, n)), np.zeros((worlds, number_of_craft, 6))
     delivered, closed, column = np.empty(n), np.empty(n), np.empty(6)
@@ -116,7 +134,7 @@ def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft,
 
 @njit(forceinline=True)
 def attitude_error(q):
-    """Rotation vector (rad, body axes) that is left of the attitude ``q`` against LVLH, by its shorter way; exact for small angles."""
+    """Rotation left against LVLH (rad, body axes) if it is small: twice the vector part of ``q``."""
     sign = 2.0 if q[0] >= 0.0 else -2.0
     return (-sign * q[1], -sign * q[2], -sign * q[3])
 
@@ -130,7 +148,7 @@ def rate_error(q, rate, mean_motion):
 
 @njit(forceinline=True)
 def disperse_attitude(data, b, w, uniform, angle, rate, mean_motion):
-    """Set the attitude near LVLH and the rate near that of the frame, from six uniform numbers; half-widths in rad and rad/s per axis."""
+    """Disperse attitude about LVLH and rate about the frame's, by six uniform numbers; rad, rad/s."""
     half = 0.5 * angle
     q = exponential(
         half * (2.0 * uniform[0] - 1.0), half * (2.0 * uniform[1] - 1.0), half * (2.0 * uniform[2] - 1.0)

@@ -1,7 +1,8 @@
-"""What a task is: a frozen configuration, one structure of arrays, and a handful of functions over a batch of worlds.
+"""What a task is: a frozen configuration, one structure of arrays, and a handful of functions over them.
 
-A task says what an episode is about. It knows nothing of autoreset, time limits, dictionaries of agents, wrappers or rendering, and nothing in it asks
-whether it serves one world or four thousand; it never mentions faults, which act in the actuator model and nowhere else.
+A task says what an episode is about. It knows nothing of autoreset, time limits, dictionaries of agents,
+wrappers or rendering, and nothing in it asks whether it serves one world or four thousand; it never mentions
+faults, which act in the actuator model and nowhere else.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +48,7 @@ class Feature:
         return -self.bound if self.lowest is None else self.lowest
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What a step was worth, in every world for every agent.
 
     Attributes:
@@ -61,8 +62,7 @@ class Outcome:
     terminated: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Truth:
+class Truth(NamedTuple):
     """What ``info`` may show of a world beyond faults.
 
     Attributes:
@@ -105,10 +105,12 @@ class Task(ABC):
     """Configuration of a task, and what it does to a batch of worlds.
 
     Attributes:
-        spacecraft: Name in the catalogue, path of a TOML file, mapping, or a :class:`~thruster_envs.spacecraft.Spacecraft`.
-        faults: None, a fault, a list of faults or a distribution, as :func:`thruster_envs.faults.as_faults` takes them.
-        observe_fault: Add the oracle view to the observation: for each thruster what share of its on-time it delivers, and how far it is
-            open when closed.
+        spacecraft: Name in the catalogue, path of a TOML file, mapping, or a
+            :class:`~thruster_envs.spacecraft.Spacecraft`.
+        faults: None, a fault, a list of faults or a distribution, as :func:`thruster_envs.faults.as_faults`
+            takes them.
+        observe_fault: Add the oracle view to the observation: for each thruster what share of its on-time it
+            delivers, and how far it is open when closed.
         fault_slots: Faults that one craft can have in an episode.
         nonlinear: Fly by the full two-body relative equations instead of Hill's.
         max_substep: Longest integration sub-step, s.
@@ -135,33 +137,34 @@ class Task(ABC):
             )
         if not 0.0 < self.max_substep <= 60.0:
             raise ValueError(
-                f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right (its error grows with the fourth power)"
+                f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right "
+                "(its error grows with the fourth power)"
             )
         self.fault_source()
 
-    # What it looks like from outside -------------------------------------------------------------------------------
+    # What it looks like from outside --------------------------------------------------------------------
 
     @property
     def number_of_craft(self) -> int:
         """Craft in a world; the first ``len(agents)`` of them are commanded."""
         return 1
 
-    @property
+    @cached_property
     def agents(self) -> tuple[str, ...]:
         """Names of the commanded craft."""
         return tuple(f"craft_{k + 1}" for k in range(self.number_of_craft))
 
-    @property
+    @cached_property
     def action_size(self) -> int:
         """Numbers in one agent's action: the duty of each thruster, 0..1."""
         return self.vehicle.number_of_thrusters
 
-    @property
+    @cached_property
     @abstractmethod
     def features(self) -> tuple[Feature, ...]:
         """What one agent observes, in order."""
 
-    @property
+    @cached_property
     def observation_size(self) -> int:
         """Numbers in one agent's observation."""
         return sum(feature.size for feature in self.features)
@@ -180,20 +183,18 @@ class Task(ABC):
         """The faults of the configuration as records or as a distribution."""
         return as_faults(self.faults)
 
-    # What it does to a batch -----------------------------------------------------------------------------------------
+    # What it does to a batch -----------------------------------------------------------------------------
 
     @abstractmethod
     def create(self, worlds: int, threads: int | None) -> TaskState:
         """Arrays for that many worlds, not yet begun."""
 
     @abstractmethod
-    def reset(
-        self, state: Any, which: NDArray[np.int64], keys: NDArray[np.uint64], episodes: NDArray[np.uint64]
-    ) -> None:
-        """Begin an episode in the worlds ``which``, whose craft the fleet has just put to the start, whole or with their faults."""
+    def reset(self, state: Any, which: NDArray[np.int64]) -> None:
+        """Begin an episode in the worlds ``which``, whose craft the fleet has just put to the start."""
 
     @abstractmethod
-    def step(self, state: Any, actions: FloatArray) -> None:
+    def step(self, state: Any, duties: FloatArray) -> None:
         """Let one control period pass under the duties (worlds, agents, n), 0..1."""
 
     @abstractmethod

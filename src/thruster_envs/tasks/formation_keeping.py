@@ -1,14 +1,17 @@
-"""Formation keeping as a task: several craft hold their slots on a natural relative orbit and share the fuel bill.
+"""Formation keeping as a task: craft hold their slots on a natural relative orbit and share the fuel bill.
 
-Models two to eight like craft around an empty reference point on a circular orbit. The slots lie evenly on a circular relative orbit (Alfriend et al. 2010, section 5.1), which
-free motion follows without fuel, so that what is to be flown against is dispersion, sensor noise, thrust scatter, and faults. Craft that are not commanded fly with the
-suite's scripted pilot. Leaves out J2, drag, and communication limits between the craft.
+Models two to eight like craft around an empty reference point on a circular orbit. The slots lie evenly on a
+circular relative orbit (Alfriend et al. 2010, section 5.1), which free motion follows without fuel, so that
+what is to be flown against is dispersion, sensor noise, thrust scatter, and faults. Craft that are not
+commanded fly with the suite's scripted pilot. Leaves out J2, drag, and communication limits between the
+craft.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -45,7 +48,7 @@ _TRACKING, _ATTITUDE, _FUEL, _COST, _OPEN_TIME, _KEPT, _COLLISIONS, _ACCOUNT = r
 
 @dataclass(frozen=True)
 class FormationModel:
-    """The configuration in numbers: authority (6,) of a period, limits, and the pilot of the craft that nobody commands."""
+    """The configuration in numbers: authority (6,) of a period, limits, and the pilot of the other craft."""
 
     authority: FloatArray
     limits: FloatArray
@@ -69,13 +72,15 @@ class FormationKeeping(Task):
 
     Attributes:
         craft: Number of craft, 2 to 8.
-        commanded: How many of them are commanded, counted from the first; None for all. The others fly with the scripted pilot.
+        commanded: How many of them are commanded, counted from the first; None for all. The others fly with
+            the scripted pilot.
         radius: Of the relative orbit on which the slots lie, m.
         slot_tolerance: Distance from the slot within which it counts as kept, m.
         keep_out: Distance between two craft below which ``cost`` counts, m.
         range_limit: Distance from the slot at which the episode ends as a failure, m.
         rate_limit: Body rate at which it does, rad/s.
-        fuel_price: Worth of all thrusters of one craft open for a whole period, in units of the largest tracking penalty.
+        fuel_price: Worth of all thrusters of one craft open for a whole period, in units of the largest
+            tracking penalty.
     """
 
     craft: int = 3
@@ -108,12 +113,12 @@ class FormationKeeping(Task):
         """Craft in a world."""
         return self.craft
 
-    @property
+    @cached_property
     def agents(self) -> tuple[str, ...]:
         """Names of the commanded craft."""
         return super().agents[: self.commanded]
 
-    @property
+    @cached_property
     def features(self) -> tuple[Feature, ...]:
         """See the environment's docstring."""
         n = self.action_size
@@ -134,8 +139,8 @@ class FormationKeeping(Task):
         """Arrays for that many worlds."""
         vehicle = self.vehicle
         fleet = Fleet(
-            vehicle, worlds, self.craft, slots=self.fault_slots, nonlinear=self.nonlinear, max_substep=self.max_substep,
-            threads=threads,
+            vehicle, worlds, self.craft, slots=self.fault_slots, nonlinear=self.nonlinear,
+            max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
         authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
@@ -148,13 +153,7 @@ class FormationKeeping(Task):
             np.zeros((worlds, self.craft, 6)), np.zeros((worlds, self.craft, _ACCOUNT)), np.zeros(worlds),
         )  # fmt: skip
 
-    def reset(
-        self,
-        state: FormationState,
-        which: NDArray[np.int64],
-        keys: NDArray[np.uint64],
-        episodes: NDArray[np.uint64],
-    ) -> None:
+    def reset(self, state: FormationState, which: NDArray[np.int64]) -> None:
         """Start near the slots, which begin at a random phase of the relative orbit."""
         fleet = state.fleet
         _start(
@@ -169,10 +168,10 @@ class FormationKeeping(Task):
         )
         fleet.look(which)
 
-    def step(self, state: FormationState, actions: FloatArray) -> None:
+    def step(self, state: FormationState, duties: FloatArray) -> None:
         """Fly one period; the craft that nobody commands fly by the scripted pilot."""
-        fleet, model, commanded = state.fleet, state.model, actions.shape[1]
-        command_duties(fleet.data, actions, self.craft)
+        fleet, model, commanded = state.fleet, state.model, duties.shape[1]
+        command_duties(fleet.data, duties, self.craft)
         if commanded < self.craft:
             model.pilot.fly(fleet.data, state.slots, commanded, self.craft, fleet.worlds)
         fleet.fly()
@@ -182,30 +181,29 @@ class FormationKeeping(Task):
         """(worlds, agents, observation_size)."""
         observations = np.empty((state.fleet.worlds, len(self.agents), self.observation_size), np.float32)
         _observe(
-            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, state.slots, state.account,
-            self.observe_fault, self.action_size, observations,
+            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, state.slots,
+            state.account, self.observe_fault, self.action_size, observations,
         )  # fmt: skip
         return observations
 
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        account = state.account[:, : len(self.agents)]
-        return Outcome(
-            account[..., _TRACKING : _FUEL + 1].copy(), account[..., _COST].copy(), state.over > 0.0
-        )
+        account = state.account[:, : len(self.agents)].copy()
+        return Outcome(account[..., _TRACKING : _FUEL + 1], account[..., _COST], state.over > 0.0)
 
     def truth(self, state: FormationState) -> Truth:
-        """The score is the share of steps in which the slot was kept; no success with a collision cost on the way."""
-        account, agents = state.account[:, : len(self.agents)], len(self.agents)
+        """The score is the share of steps in which the slot was kept; a collision cost rules success out."""
+        agents = len(self.agents)
+        account = state.account[:, :agents].copy()
         steps = np.maximum(state.fleet.read(at.STEP)[:, :agents, 0], 1.0)
         score = account[..., _KEPT] / steps
         success = (score >= 0.8) & (account[..., _COLLISIONS] == 0.0) & (state.over[:, np.newaxis] == 0.0)
-        return Truth(account[..., _OPEN_TIME].copy(), score, success)
+        return Truth(account[..., _OPEN_TIME], score, success)
 
 
 @njit
 def _slot(phase, radius, n):
-    """Place (m) and velocity (m/s) of a slot on the circular relative orbit: a circle of that radius seen from the reference point."""
+    """Place (m) and velocity (m/s) of a slot on the circular relative orbit, a circle about the reference."""
     s, c = math.sin(phase), math.cos(phase)
     half, out = 0.5 * radius, 0.5 * math.sqrt(3.0) * radius
     return half * s, radius * c, out * s, half * n * c, -radius * n * s, out * n * c
@@ -232,7 +230,8 @@ def _start(data, streams, which, limits, phase, slots, account, over):
             for block in range(2):
                 words = philox(
                     np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w],
-                    np.uint64(RESET << 32) | np.uint64(c), streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+                    np.uint64(RESET << 32) | np.uint64(c),
+                    streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
                 )  # fmt: skip
                 for k in range(4):
                     uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])

@@ -1,14 +1,16 @@
-"""Rendezvous as a task: from 300 m to the origin in half an orbit, commanding every thruster, in six degrees of freedom.
+"""Rendezvous as a task: from 300 m to the origin in half an orbit, in six degrees of freedom.
 
-Models the mission of Yang 2003, chapter 6 with the attitude that the source leaves out: the craft starts radially above the target nearly at rest and nearly aligned with
-LVLH, navigates by noisy relative measurements, and has to be at the origin, at rest and aligned, when the time is up. Leaves out plume impingement on the target,
-keep-out zones and eclipse.
+Models the mission of Yang 2003, chapter 6 with the attitude that the source leaves out: the craft starts
+radially above the target nearly at rest and nearly aligned with LVLH, navigates by noisy relative
+measurements, and has to be at the origin, at rest and aligned, when the time is up. Leaves out plume
+impingement on the target, keep-out zones and eclipse.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -49,7 +51,7 @@ _POTENTIAL, _OPEN_TIME, _FUEL, _PROGRESS, _ARRIVAL, _COST, _OVER, _SCORE, _SUCCE
 
 @dataclass(frozen=True)
 class RendezvousModel:
-    """The configuration in numbers: authority (6,) of a period, m/s and rad/s, and ``limits`` (LIMITS,), see the kernels."""
+    """The configuration in numbers: authority (6,) of a period, m/s and rad/s, and the limits (14,)."""
 
     authority: FloatArray
     limits: FloatArray
@@ -105,13 +107,13 @@ class OrionRendezvous(Task):
                 f"start is {self.start!r}; three numbers of m within {self.range_limit:g} m would be right"
             )
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """Control periods of an episode that runs to its end."""
         duration = self.orbits * 2.0 * math.pi / self.vehicle.mean_motion
         return max(1, round(duration / self.vehicle.control_period))
 
-    @property
+    @cached_property
     def features(self) -> tuple[Feature, ...]:
         """See the environment's docstring."""
         n = self.action_size
@@ -130,42 +132,37 @@ class OrionRendezvous(Task):
     def create(self, worlds: int, threads: int | None) -> RendezvousState:
         """Arrays for that many worlds."""
         fleet = Fleet(
-            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear, max_substep=self.max_substep,
-            threads=threads,
+            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
+            max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
         return RendezvousState(fleet, self._model(), np.zeros((worlds, _ACCOUNT)))
 
     def _model(self) -> RendezvousModel:
         vehicle = self.vehicle
         authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
-        # What a thruster-second is worth in m/s, and a rad/s in m/s: the exchange rates between fuel, translation and attitude.
+        # What a thruster-second and a rad/s are worth in m/s: the exchange rates between fuel and motion.
         thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
         lever = float(authority[:3].mean() / authority[3:].mean())
         reference = delta_v_to_go(
             self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion
         )
         limits = (
-            vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever, reference,
+            vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever,
+            reference,
             self.position_tolerance, self.velocity_tolerance, self.attitude_tolerance, self.rate_tolerance,
             self.range_limit, self.rate_limit, self.rate_soft_limit, math.hypot(*self.start),
         )  # fmt: skip
         return RendezvousModel(authority, np.array(limits))
 
-    def reset(
-        self,
-        state: RendezvousState,
-        which: NDArray[np.int64],
-        keys: NDArray[np.uint64],
-        episodes: NDArray[np.uint64],
-    ) -> None:
+    def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
         fleet = state.fleet
         _start(fleet.data, fleet.streams, which, np.array(self.start), state.model.limits, state.account)
         fleet.look(which)
 
-    def step(self, state: RendezvousState, actions: FloatArray) -> None:
+    def step(self, state: RendezvousState, duties: FloatArray) -> None:
         """Fly one period."""
-        command_duties(state.fleet.data, actions, 1)
+        command_duties(state.fleet.data, duties, 1)
         state.fleet.fly()
         _judge(state.fleet.data, state.model.limits, state.account)
 
@@ -173,33 +170,27 @@ class OrionRendezvous(Task):
         """(worlds, 1, observation_size)."""
         observations = np.empty((state.fleet.worlds, 1, self.observation_size), np.float32)
         _observe(
-            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, self.observe_fault,
-            observations[:, 0],
+            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority,
+            self.observe_fault, observations[:, 0],
         )  # fmt: skip
         return observations
 
     def outcome(self, state: RendezvousState) -> Outcome:
         """Terminates when the time is up, or out of bounds."""
-        account = state.account
-        return Outcome(
-            account[:, np.newaxis, _FUEL : _ARRIVAL + 1].copy(),
-            account[:, _COST : _COST + 1].copy(),
-            account[:, _OVER] > 0.0,
-        )
+        account = state.account.copy()
+        terms, cost = account[:, np.newaxis, _FUEL : _ARRIVAL + 1], account[:, _COST : _COST + 1]
+        return Outcome(terms, cost, account[:, _OVER] > 0.0)
 
     def truth(self, state: RendezvousState) -> Truth:
-        """In the box the score is 0.5 and up to 0.5 for economy; outside it what was gained of the distance, up to 0.5."""
-        account = state.account
-        return Truth(
-            account[:, _OPEN_TIME : _OPEN_TIME + 1].copy(),
-            account[:, _SCORE : _SCORE + 1].copy(),
-            account[:, _SUCCESS : _SUCCESS + 1] > 0.0,
-        )
+        """In the box the score is 0.5 and up to 0.5 for economy; outside it up to 0.5 for distance gained."""
+        account = state.account.copy()
+        success = account[:, _SUCCESS : _SUCCESS + 1] > 0.0
+        return Truth(account[:, _OPEN_TIME : _OPEN_TIME + 1], account[:, _SCORE : _SCORE + 1], success)
 
 
 @njit
 def _potential(r, v, angle, rate, time_to_go, limits):
-    """Minus what is still to be paid, as a share of the whole mission: delta-v of the translation, and rates as their worth in m/s."""
+    """Minus what is still to be paid over what the mission costs; attitude errors at their worth in m/s."""
     n = limits[_MEAN_MOTION]
     translation = delta_v_to_go(r, v, time_to_go, n)
     attitude = 0.0

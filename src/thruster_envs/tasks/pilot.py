@@ -1,7 +1,9 @@
-"""The small scripted pilot that flies the craft which nobody commands: a feedback law and the minimum-norm-and-shift map, compiled like the physics.
+"""The small scripted pilot of the craft that nobody commands: a feedback law and a map without a solver.
 
-Models a proportional-derivative law on measured position, velocity, attitude and rate errors, and an allocation that needs no solver: the pseudo-inverse gives on-times of
-both signs, and a multiple of the vehicle's null vector (on-times that cancel) is added until none is negative. Knows nothing of faults. Leaves out fuel optimality and
+Models a proportional-derivative law on measured position, velocity, attitude and rate errors, and an
+allocation that needs no solver: the pseudo-inverse gives on-times of both signs, and a multiple of the
+vehicle's null vector (on-times that cancel) is added until none is negative. Knows nothing of faults. Leaves
+out fuel optimality and
 guidance: it holds a place.
 """
 
@@ -18,7 +20,8 @@ from thruster_envs.physics.attitude import rotate
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.tasks.access import attitude_error, place, rate_error
 
-#: Natural frequencies of the feedback, rad/s, and its damping; commands smaller than a few times the sensor noise are not worth a pulse.
+#: Natural frequencies of the feedback, rad/s, and its damping; commands smaller than a few times the sensor
+#: noise are not worth a pulse.
 TRANSLATION_FREQUENCY, ROTATION_FREQUENCY, DAMPING = 0.01, 0.03, 1.0
 
 
@@ -28,7 +31,8 @@ class Pilot:
 
     Attributes:
         inverse: (n, 6), s per m/s and per rad/s: minimum-norm on-times.
-        null: (n,), non-negative on-times that together do nothing, largest 1; zeros where the vehicle has none.
+        null: (n,), non-negative on-times that together do nothing, largest 1; zeros where the vehicle has
+            none.
         mean_motion: rad/s.
         period: s.
     """

@@ -1,7 +1,8 @@
 """What is still to be paid: the delta-v of a rendezvous from any state with any time to go, in closed form.
 
-The two-impulse solution of the Hill-Clohessy-Wiltshire equations (Clohessy and Wiltshire 1960) in the orbital plane; across it the two-impulse solution in the last
-quarter of an orbit and, before that, the cheapest way, which is to wait for the node. As the potential of a reward it makes the reward dense and leaves the best
+The two-impulse solution of the Hill-Clohessy-Wiltshire equations (Clohessy and Wiltshire 1960) in the orbital
+plane; across it the two-impulse solution in the last quarter of an orbit and, before that, the cheapest way,
+which is to wait for the node. As the potential of a reward it makes the reward dense and leaves the best
 policy as it was (Ng, Harada, Russell 1999).
 """
 
@@ -9,13 +10,17 @@ import math
 
 from numba import njit
 
-#: Time to go is not taken to be shorter than this, s: the impulses of a two-impulse rendezvous grow without bound as it goes to zero.
+#: Time to go is not taken to be shorter than this, s: the impulses of a two-impulse rendezvous grow without
+#: bound as it goes to zero.
 SHORTEST = 60.0
 
 
 @njit
 def delta_v_to_go(r, v, time_to_go, n):
-    """Sum of the absolute components of both impulses, m/s, that bring a craft from ``r`` (m), ``v`` (m/s), LVLH, to rest at the origin."""
+    """Sum of the absolute components (m/s) of both impulses that bring a craft to rest at the origin.
+
+    ``r`` (m) and ``v`` (m/s) are its position and velocity in LVLH, ``time_to_go`` in s, ``n`` in rad/s.
+    """
     t = max(time_to_go, SHORTEST)
     s, c = math.sin(n * t), math.cos(n * t)
     # In the plane: x_f = Prr x + Prv u = 0 for the velocity u after the first impulse.

@@ -1,15 +1,18 @@
 """Thrust mapping as a task: commanded rate changes to a vehicle that may carry a hidden fault.
 
-Models the vehicle as thruster allocation sees it (Yang 2003, chapter 2): the rate change of a period is linear in the on-times, as the true, faulty vehicle
-delivers them. Feed coupling, scatter, minimum pulses and valve delays are switched off, and the craft does not move between commands, so that the best that
-anybody can do for a command is the linear program that knows the fault. Leaves out dynamics: each command stands for itself.
+Models the vehicle as thruster allocation sees it (Yang 2003, chapter 2): the rate change of a period is
+linear in the on-times, as the true, faulty vehicle delivers them. Feed coupling, scatter, minimum pulses and
+valve delays are switched off, and the craft does not move between commands, so that the best that anybody can
+do for a command is the linear program that knows the fault. Leaves out dynamics: each command stands for
+itself.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
@@ -23,7 +26,7 @@ from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
 from thruster_envs.tasks.access import bounded, command_duties, place, true_model, write_oracle_view
 from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
 
-#: Kinds of command, equally likely: one axis; all axes together within reach; all axes beyond reach; all axes, tiny.
+#: Kinds of command, equally likely: one axis; all axes within reach; all axes beyond reach; all axes, tiny.
 SINGLE_AXIS, COUPLED, SATURATING, TINY = 0, 1, 2, 3
 COMMANDS = 32
 _BOUND = 3.0
@@ -35,7 +38,8 @@ class MappingModel:
 
     Attributes:
         effectiveness: (6, n), m/s^2 and rad/s^2.
-        projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in periods, axes weighted by the noise.
+        projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
+            periods, axes weighted by the noise.
         authority: (6,), m/s and rad/s per period.
         fuel_cost: (n,), per s.
         slack_cost: (6,), per m/s and rad/s.
@@ -71,7 +75,7 @@ class MappingModel:
 
 @dataclass
 class MappingState(TaskState):
-    """Arrays of a batch: the command now, the rate change delivered for the last one, and sums over the episode."""
+    """Arrays of a batch: the command now, what was delivered for the last one, and sums over the episode."""
 
     model: MappingModel
     command: FloatArray  # (worlds, 6), m/s and rad/s, body axes
@@ -93,7 +97,7 @@ class ThrusterMapping(Task):
     reward_terms: ClassVar[tuple[str, ...]] = ("miss", "fuel")
     max_episode_steps: ClassVar[int | None] = COMMANDS
 
-    @property
+    @cached_property
     def features(self) -> tuple[Feature, ...]:
         """See the environment's docstring."""
         n = self.action_size
@@ -108,7 +112,11 @@ class ThrusterMapping(Task):
         )
 
     def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults; by default a thruster that is dead or weak from some command of the first half on, in four worlds of five."""
+        """The configured faults.
+
+        By default a thruster that is dead or weak from some command of the first half on, in four worlds of
+        five.
+        """
         if self.faults is not None:
             return super().fault_source()
         period = self.vehicle.control_period
@@ -121,17 +129,10 @@ class ThrusterMapping(Task):
 
     def linear_vehicle(self) -> Spacecraft:
         """The vehicle without feed coupling, scatter, minimum pulses, valve delays and depletion."""
-        plain = {
-            name: 0.0
-            for name in (
-                "minimum_pulse",
-                "opening_delay",
-                "closing_delay",
-                "rise_time",
-                "fall_time",
-                "scatter",
-            )
-        }
+        imperfections = (
+            "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "scatter",
+        )  # fmt: skip
+        plain = dict.fromkeys(imperfections, 0.0)
         thrusters = tuple(
             dataclasses.replace(thruster, **plain, specific_impulse=np.inf)
             for thruster in self.vehicle.thrusters
@@ -146,13 +147,7 @@ class ThrusterMapping(Task):
             fleet, MappingModel.of(self.vehicle), *six, np.zeros((worlds, 2)), np.zeros((worlds, 2))
         )
 
-    def reset(
-        self,
-        state: MappingState,
-        which: NDArray[np.int64],
-        keys: NDArray[np.uint64],
-        episodes: NDArray[np.uint64],
-    ) -> None:
+    def reset(self, state: MappingState, which: NDArray[np.int64]) -> None:
         """First command of an episode."""
         for array in (
             state.answered,
@@ -165,11 +160,11 @@ class ThrusterMapping(Task):
             array[which] = 0.0
         _draw_commands(state.fleet.data, state.fleet.streams, which, state.model.authority, state.command)
 
-    def step(self, state: MappingState, actions: FloatArray) -> None:
+    def step(self, state: MappingState, duties: FloatArray) -> None:
         """Fire for the command, then draw the next one."""
         fleet, model = state.fleet, state.model
         state.answered[:] = state.command
-        command_duties(fleet.data, actions, 1)
+        command_duties(fleet.data, duties, 1)
         fleet.fly(move=False)
         _judge(
             fleet.data, fleet.streams, self.vehicle.control_period, self.vehicle.mass, model.inverse_inertia,
@@ -183,8 +178,9 @@ class ThrusterMapping(Task):
         worlds = state.command.shape[0]
         observations = np.empty((worlds, 1, self.observation_size), np.float32)
         _observe(
-            state.fleet.data, state.fleet.faults, state.model.projection, state.model.authority, state.command,
-            state.measured, state.expected, self.vehicle.control_period, self.observe_fault, observations[:, 0],
+            state.fleet.data, state.fleet.faults, state.model.projection, state.model.authority,
+            state.command, state.measured, state.expected, self.vehicle.control_period, self.observe_fault,
+            observations[:, 0],
         )  # fmt: skip
         return observations
 
@@ -194,7 +190,7 @@ class ThrusterMapping(Task):
         return Outcome(state.terms[:, np.newaxis].copy(), np.zeros((worlds, 1)), np.zeros(worlds, np.bool_))
 
     def truth(self, state: MappingState) -> Truth:
-        """The score is one minus the objective over that of doing nothing, summed over the episode, not below 0."""
+        """The score is one minus the objective over that of doing nothing, over the episode, not below 0."""
         score = 1.0 - state.sums[:, :1] / np.where(state.sums[:, 1:] > 0.0, state.sums[:, 1:], 1.0)
         score = np.clip(np.where(state.sums[:, 1:] > 0.0, score, 0.0), 0.0, 1.0)
         return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, score >= 0.9)
@@ -210,7 +206,7 @@ class ThrusterMapping(Task):
 
 @njit(error_model="numpy", cache=True)
 def _draw_commands(data, streams, which, authority, commands):
-    """Draw the command of the coming period in some worlds; a function of the world's seed, its episode and its step."""
+    """Draw the command of the coming period in some worlds, from their seeds, episodes and steps."""
     lanes = data.shape[2]
     for world in which:
         b, w = place(world, 0, 1, lanes)

@@ -1,4 +1,4 @@
-"""One batch, four views: a Gymnasium ``Env``, a native ``VectorEnv``, a PettingZoo ``ParallelEnv`` and Stable-Baselines3 ``VecEnv`` adapters."""
+"""One batch, four views: Gymnasium ``Env`` and ``VectorEnv``, PettingZoo ``ParallelEnv``, SB3 ``VecEnv``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
-"""A mapper between the policy and the thrusters: the action is a rate change, or what to believe of each thruster's health.
+"""A mapper between policy and thrusters: the action is a rate change, or a belief of thruster health.
 
-``MapperAction`` turns a commanded body rate change into duties by any :class:`~thruster_envs.protocols.Mapper`. ``BeliefAction`` lets the policy say how healthy it
-believes each thruster to be; the mapper then allocates the task's own command with that belief, so that the policy learns to diagnose. Neither sees the truth. Each has a
-form for the single environment and one for the batch, which do the same arithmetic.
+``MapperAction`` turns a commanded body rate change into duties by any
+:class:`~thruster_envs.protocols.Mapper`. ``BeliefAction`` lets the policy say how healthy it believes each
+thruster to be; the mapper then allocates the task's own command with that belief, so that the policy learns
+to diagnose. Neither sees the truth. Each has a form for the single environment and one for the batch, which
+do the same arithmetic.
 """
 
 from __future__ import annotations
@@ -30,14 +32,16 @@ class _Allocation:
         base = env.unwrapped
         if not isinstance(base, (TaskEnv, TaskVectorEnv)):
             raise TypeError(
-                f"{type(base).__name__} is no environment of thruster_envs, so there are no thrusters to map to"
+                f"{type(base).__name__} has no thrusters to map to; "
+                "an environment of thruster_envs would be right"
             )
         self.worlds, self.task, self.mapper = base.worlds, base.task, mapper
         self.thrusters = self.task.action_size
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):
             raise ValueError(
-                f"the mapper is for a vehicle of shape {np.shape(mapper.effectiveness)}; {(6, self.thrusters)} would be right"
+                f"the mapper is for a vehicle of shape {np.shape(mapper.effectiveness)}; "
+                f"{(6, self.thrusters)} would be right"
             )
 
     def duties(self, on_times: Array) -> Array:
@@ -65,7 +69,9 @@ def _has_command(allocation: _Allocation) -> None:
 
 
 class MapperAction(gym.ActionWrapper[Any, Any, Any]):
-    """The action is a body rate change in shares of the vehicle's authority per axis, Box [-1, 1] (6,); the mapper makes duties of it.
+    """The action is a body rate change, of which the mapper makes duties.
+
+    Box [-1, 1] (6,), in shares of the vehicle's authority per axis.
 
     Args:
         env: Any single environment of this suite.
@@ -97,10 +103,12 @@ class VectorMapperAction(VectorWrapper):
 
 
 class BeliefAction(gym.Wrapper[Any, Any, Any, Any]):
-    """The action is the believed health of each thruster, Box [-1, 1] (n,), meaning 0..1; the mapper allocates the command with it.
+    """The action is the believed health of each thruster, with which the mapper allocates the command.
 
-    A belief of 1 for every thruster is the mapper that knows of no fault. The last belief is added to the observation (n numbers, 0..1; ones after a reset), so that
-    a policy without memory can keep a diagnosis.
+    Box [-1, 1] (n,), meaning 0..1.
+
+    A belief of 1 for every thruster is the mapper that knows of no fault. The last belief is added to the
+    observation (n numbers, 0..1; ones after a reset), so that a policy without memory can keep a diagnosis.
 
     Args:
         env: A single environment whose task commands a rate change: ``ThrusterMapping-v0``.

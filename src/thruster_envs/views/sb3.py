@@ -1,8 +1,10 @@
-"""Batches as Stable-Baselines3 ``VecEnv``: one agent per world, or every craft of every world under one shared policy.
+"""Batches as Stable-Baselines3 ``VecEnv``: one agent per world, or every craft under one shared policy.
 
-At the end of an episode ``infos[i]`` has ``terminal_observation`` and ``TimeLimit.truncated``, so that on-policy algorithms bootstrap over a time limit and off-policy
-ones store the true last observation; it also has the last ``score``, ``success``, ``cost`` and ``fuel``. While an episode runs the infos are empty dictionaries: thousands of
-them would cost more than the physics. :meth:`latest_info` has everything, as arrays.
+At the end of an episode ``infos[i]`` has ``terminal_observation`` and ``TimeLimit.truncated``, so that
+on-policy algorithms bootstrap over a time limit and off-policy ones store the true last observation; it also
+has the last ``score``, ``success``, ``cost`` and ``fuel``. While an episode runs the infos are empty
+dictionaries: thousands of them would cost more than the physics. :meth:`latest_info` has everything, as
+arrays.
 """
 
 from __future__ import annotations
@@ -61,7 +63,8 @@ class SB3VecEnv(_BatchVecEnv):
     """A native vector environment as a Stable-Baselines3 ``VecEnv``.
 
     Args:
-        env: From ``gym.make_vec``; one of this suite (wrapped or not) in any autoreset mode, or anyone's in the mode SAME_STEP.
+        env: From ``gym.make_vec``; one of this suite (wrapped or not) in any autoreset mode, or anyone's in
+            the mode SAME_STEP.
 
     Raises:
         ValueError: Someone else's environment in another autoreset mode.
@@ -76,13 +79,14 @@ class SB3VecEnv(_BatchVecEnv):
             env.unwrapped.set_autoreset_mode(AutoresetMode.SAME_STEP)
         elif env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
             raise ValueError(
-                f"the autoreset mode is {env.metadata.get('autoreset_mode')}; AutoresetMode.SAME_STEP would be right"
+                f"the autoreset mode is {env.metadata.get('autoreset_mode')}; "
+                "AutoresetMode.SAME_STEP would be right"
             )
         self._latest: dict[str, Any] = {}
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin an episode in every world, with the seeds and options given to :meth:`seed` and :meth:`set_options`."""
+        """Begin an episode in every world, with what :meth:`seed` and :meth:`set_options` were given."""
         seed = None if all(one is None for one in self._seeds) else self._seeds
         options = next((one for one in self._options if one), None)
         observations, self._latest = self.env.reset(seed=seed, options=options)
@@ -128,7 +132,8 @@ class SB3VecEnv(_BatchVecEnv):
 class SharedPolicyVecEnv(_BatchVecEnv):
     """Formations under one shared policy: every commanded craft of every world is one row.
 
-    Rows are world-major. All craft of a world end together; each gets its own terminal observation, and a time limit is marked as such.
+    Rows are world-major. All craft of a world end together; each gets its own terminal observation, and a
+    time limit is marked as such.
 
     Args:
         num_worlds: Number of formations.
@@ -194,7 +199,7 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         return observations.reshape(self.num_envs, -1)
 
     def latest_info(self) -> dict[str, Any]:
-        """What ``info`` carries, (worlds, craft) arrays; in worlds that have just begun anew, of the step that ended the episode before."""
+        """What ``info`` carries, (worlds, craft) arrays; at an ending those of the episode's last step."""
         return self._latest
 
     def close(self) -> None:

@@ -58,21 +58,21 @@ class TaskEnv(gym.Env[Observation, Observation]):
         self._watch(begins=False)
         return (
             step.observations[0, 0],
-            float(step.rewards[0, 0]),
-            bool(step.terminated[0]),
-            bool(step.truncated[0]),
+            step.rewards.item(),
+            step.terminated.item(),
+            step.truncated.item(),
             self._info(step),
         )
 
     def _info(self, step: Step | None) -> dict[str, Any]:
         info = self.worlds.info(step)
         return {
-            "reward_terms": {name: float(values[0, 0]) for name, values in info["reward_terms"].items()},
-            "cost": float(info["cost"][0, 0]),
+            "reward_terms": {name: values.item() for name, values in info["reward_terms"].items()},
+            "cost": info["cost"].item(),
             "fault": {name: values[0, 0] for name, values in info["fault"].items()},
-            "fuel": float(info["fuel"][0, 0]),
-            "score": float(info["score"][0, 0]),
-            "success": bool(info["success"][0, 0]),
+            "fuel": info["fuel"].item(),
+            "score": info["score"].item(),
+            "success": info["success"].item(),
         }
 
     def _watch(self, *, begins: bool) -> None:

@@ -22,18 +22,21 @@ Observations = NDArray[np.float32]
 class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
     """Many worlds of a task, one commanded craft in each; subclasses name the task.
 
-    World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit for bit, later episodes included; a list
-    of seeds is taken too. ``reset(options={"reset_mask": mask})`` begins new episodes in the worlds of the mask and leaves the others alone.
+    World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit
+    for bit, later episodes included; a list of seeds is taken too. ``reset(options={"reset_mask": mask})``
+    begins new episodes in the worlds of the mask and leaves the others alone.
 
-    At the end of an episode: with ``NEXT_STEP`` the next step ignores the action of that world, begins its next episode and gives that first observation,
-    reward 0 and both flags False; with ``SAME_STEP`` the same step gives the first observation of the next episode, and what was last is in
-    ``infos["final_obs"]`` and ``infos["final_info"]`` under the masks ``_final_obs`` and ``_final_info``; with ``DISABLED`` it is the caller's
-    to reset, and the world goes on past its end until then.
+    At the end of an episode: with ``NEXT_STEP`` the next step ignores the action of that world, begins its
+    next episode and gives that first observation, reward 0 and both flags False; with ``SAME_STEP`` the same
+    step gives the first observation of the next episode, and what was last is in ``infos["final_obs"]`` and
+    ``infos["final_info"]`` under the masks ``_final_obs`` and ``_final_info``; with ``DISABLED`` it is the
+    caller's to reset, and the world goes on past its end until then.
 
     Args:
         num_envs: Number of worlds.
         max_episode_steps: Time limit; None takes the task's own.
-        render_mode: None, ``"rgb_array"`` (one picture for each world) or ``"human"`` (the first world in a window).
+        render_mode: None, ``"rgb_array"`` (one picture for each world) or ``"human"`` (the first world in a
+            window).
         autoreset_mode: An ``AutoresetMode`` or its value.
         threads: Threads that share a step; None chooses. Results do not depend on it.
         **configuration: Fields of the task's configuration.
@@ -87,7 +90,10 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begin episodes, in all worlds or in those of ``options["reset_mask"]``; ``options["faults"]`` gives them faults of their own."""
+        """Begin episodes, in all worlds or in those of ``options["reset_mask"]``.
+
+        ``options["faults"]`` gives them faults of their own for this episode.
+        """
         mask = self._checked_mask(options)
         which = np.flatnonzero(mask)
         super().reset(seed=seed if seed is None or isinstance(seed, (int, np.integer)) else None)
@@ -146,7 +152,6 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
             return self._step_then_reset(step, everyone)
         rewards, terminated, truncated = step.rewards[:, 0], step.terminated, step.truncated
         observations = step.observations[:, 0]
-        infos = None
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             begins = self._over
             if begins.any():
@@ -164,23 +169,20 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
     def _step_then_reset(
         self, step: Step, everyone: NDArray[np.bool_]
     ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        done, observations = step.done, step.observations[:, 0]
-        rewards, final = step.rewards[:, 0], None
+        done, observations, last = step.done, step.observations[:, 0], {}
         if done.any():
-            final_infos = self._infos(step)
-            final = observations, final_infos
+            last = {
+                "final_obs": np.where(done[:, np.newaxis], observations, np.float32(0.0)),
+                "_final_obs": done.copy(),
+                "final_info": _with_masks(_only(self._infos(step), done), done),
+                "_final_info": done.copy(),
+            }
             self.worlds.reset(np.flatnonzero(done))
             observations = self.worlds.observe()[:, 0]
             step.reward_terms[done], step.cost[done] = 0.0, 0.0
         self._film(done)
-        infos = _with_masks(self._infos(step), everyone)
-        if final is not None:
-            last_observations, last_infos = final
-            infos["final_obs"] = np.where(done[:, np.newaxis], last_observations, np.float32(0.0))
-            infos["_final_obs"] = done.copy()
-            infos["final_info"] = _with_masks(_only(last_infos, done), done)
-            infos["_final_info"] = done.copy()
-        return observations, rewards, step.terminated, step.truncated, infos
+        infos = _with_masks(self._infos(step), everyone) | last
+        return observations, step.rewards[:, 0], step.terminated, step.truncated, infos
 
     def _film(self, begins: NDArray[np.bool_]) -> None:
         for camera in self._cameras:
@@ -210,7 +212,7 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
 
     @property
     def pending_resets(self) -> NDArray[np.bool_]:
-        """Which worlds will begin a new episode at the next step, whatever the action (NEXT_STEP only); a copy."""
+        """Which worlds will begin a new episode at the next step, whatever the action (NEXT_STEP only)."""
         return self._over.copy()
 
     def save_state(self) -> dict[str, NDArray[Any]]:

@@ -1,25 +1,24 @@
-"""A batch of worlds living through episodes of one task: seeds, faults, time limits, masked resets. What every view is a view of."""
+"""Worlds living through episodes of one task: seeds, faults, time limits. What every view is a view of."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import as_faults
-from thruster_envs.physics import layout as at
+from thruster_envs.faults import encoding as code
 from thruster_envs.tasks import Task
+from thruster_envs.tasks.access import duties_of
 from thruster_envs.tasks.contract import FloatArray, Observations
 
 _LOW = 2**64 - 1
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """What one step of all worlds gave.
 
     Attributes:
@@ -47,8 +46,9 @@ class Step:
 class Worlds:
     """Worlds of one task, each with a stream of its own.
 
-    World ``i`` reset with seed ``s + i`` lives through what a single world reset with that seed lives through, to the last bit: every draw is a
-    function of the world's seed, of the number of its episode since that reset, and of its own time.
+    World ``i`` reset with seed ``s + i`` lives through what a single world reset with that seed lives
+    through, to the last bit: every draw is a function of the world's seed, of the number of its episode since
+    that reset, and of its own time.
 
     Args:
         task: The task's configuration.
@@ -70,6 +70,7 @@ class Worlds:
         self.state = task.create(number, threads)
         self.fleet = self.state.fleet
         self.faults = self.fleet.plan(task.fault_source())
+        self._told = _told(self.fleet.fault_rows()[:, : len(task.agents)])
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -88,8 +89,8 @@ class Worlds:
 
         Args:
             which: (k,), their numbers.
-            options: ``{"faults": ...}`` gives these worlds other faults for this episode only, in any form that
-                :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone.
+            options: ``{"faults": ...}`` gives these worlds other faults for this episode only, in any form
+                that :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone.
         """
         plan = self.faults
         if options is not None and "faults" in options:
@@ -97,7 +98,8 @@ class Worlds:
         self.episodes[which] += np.uint64(1)
         self.steps[which] = 0
         self.fleet.begin(which, self.keys, self.episodes, plan)
-        self.task.reset(self.state, which, self.keys, self.episodes)
+        self.task.reset(self.state, which)
+        self._told = _told(self.fleet.fault_rows()[:, : self._shape[1]])
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
@@ -107,7 +109,8 @@ class Worlds:
         """Let one control period pass in every world.
 
         Args:
-            actions: (worlds, agents, n) in [-1, 1]; -1 keeps a thruster shut, 1 opens it for the whole period. What lies outside is clipped.
+            actions: (worlds, agents, n) in [-1, 1]; -1 keeps a thruster shut, 1 opens it for the whole
+                period. What lies outside is clipped.
 
         Raises:
             ValueError: Another shape, or a number that is not finite.
@@ -115,45 +118,45 @@ class Worlds:
         array = np.asarray(actions, dtype=np.float64)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
-        if not np.isfinite(array).all():
+        duties = np.empty(self._shape)
+        if not duties_of(array, duties):
             world, agent, thruster = np.argwhere(~np.isfinite(array))[0]
             raise ValueError(
-                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is {array[world, agent, thruster]}; "
-                "a number from -1 to 1 would be right"
+                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is "
+                f"{array[world, agent, thruster]}; a number from -1 to 1 would be right"
             )
-        self.task.step(self.state, 0.5 * array + 0.5)
+        self.task.step(self.state, duties)
         self.steps += 1
         outcome = self.task.outcome(self.state)
         truncated = np.zeros(self.number, np.bool_)
         if self.max_episode_steps is not None:
             truncated = self.steps >= self.max_episode_steps
         return Step(
-            self.task.observe(self.state), outcome.reward_terms.sum(axis=-1), outcome.reward_terms, outcome.cost,
+            self.task.observe(self.state), np.add.reduce(outcome.reward_terms, axis=-1),
+            outcome.reward_terms, outcome.cost,
             outcome.terminated, truncated,
         )  # fmt: skip
 
     def info(self, step: Step | None = None) -> dict[str, Any]:
-        """What ``info`` carries, as new arrays whose first axes are (worlds, agents): the keys are always the same.
+        """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
 
-        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1; 0 is an empty slot), ``kind`` (code, in the order of
-        ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``.
+        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1; 0 is an empty slot), ``kind``
+        (code, in the order of ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``.
         """
-        truth, agents = self.task.truth(self.state), len(self.task.agents)
-        rows = self.fleet.fault_rows()[:, :agents]
-        time = self.fleet.read(at.STEP)[:, :agents] * self.task.vehicle.control_period
-        present = rows[..., 0] > 0.0
+        truth, told = self.task.truth(self.state), self._told
+        time = (self.steps * self.task.vehicle.control_period)[:, np.newaxis, np.newaxis]
         if step is None:
             terms, cost = np.zeros((*self._shape[:2], len(self.task.reward_terms))), np.zeros(self._shape[:2])
         else:
             terms, cost = step.reward_terms, step.cost
         return {
-            "reward_terms": {name: terms[..., k].copy() for k, name in enumerate(self.task.reward_terms)},
+            "reward_terms": {name: terms[..., k] for k, name in enumerate(self.task.reward_terms)},
             "cost": cost,
             "fault": {
-                "thruster": np.where(present, rows[..., 1] + 1.0, 0.0).astype(np.int64),
-                "kind": rows[..., 0].astype(np.int64),
-                "severity": rows[..., 2].copy(),
-                "active": present & (rows[..., 3] <= time) & (time < rows[..., 4]),
+                "thruster": told.thruster.copy(),
+                "kind": told.kind.copy(),
+                "severity": told.severity.copy(),
+                "active": (told.onset <= time) & (time < told.end),
             },
             "fuel": truth.fuel,
             "score": truth.score,
@@ -171,6 +174,27 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded = bool(saved["seeded"])
+        self._told = _told(self.fleet.fault_rows()[:, : self._shape[1]])
+
+
+class _Told(NamedTuple):
+    """What ``info`` tells of the faults of an episode, (worlds, agents, slots): it stays until the next reset."""
+
+    thruster: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    severity: FloatArray
+    onset: FloatArray
+    end: FloatArray
+
+
+def _told(rows: FloatArray) -> _Told:
+    kind = rows[..., code.FIELD_KIND].astype(np.int64)
+    present = kind != code.EMPTY
+    thruster = np.where(present, rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1, 0)
+    onset, end = rows[..., code.FIELD_ONSET], rows[..., code.FIELD_END]
+    return _Told(
+        thruster, kind, rows[..., code.FIELD_SEVERITY].copy(), onset.copy(), np.where(present, end, 0.0)
+    )
 
 
 def checked_seed(seed: Any) -> int:
