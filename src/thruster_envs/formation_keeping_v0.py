@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pettingzoo import AECEnv, register, registry
+import pettingzoo
 from pettingzoo.utils.conversions import parallel_to_aec
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
@@ -27,11 +27,11 @@ def parallel_env(**kwargs: Any) -> FormationParallelEnv:
     return FormationParallelEnv(**kwargs)
 
 
-def raw_env(**kwargs: Any) -> AECEnv[str, Any, Any]:
+def raw_env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:
     """Agents act one after another, through PettingZoo's own conversion."""
     return parallel_to_aec(parallel_env(**kwargs))
 
 
-def env(**kwargs: Any) -> AECEnv[str, Any, Any]:
+def env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:
     """:func:`raw_env` with a clear error for calls in the wrong order."""
     return OrderEnforcingWrapper(raw_env(**kwargs))

@@ -76,6 +76,16 @@ class Truth(NamedTuple):
     success: NDArray[np.bool_]
 
 
+def check_whole(name: str, value: Any, low: int, high: int) -> None:
+    """Refuse a value that is no whole number from ``low`` to ``high``.
+
+    Raises:
+        ValueError: One line that names it.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise ValueError(f"{name} is {value!r}; a whole number from {low} to {high} would be right")
+
+
 @dataclass
 class TaskState:
     """The arrays of a batch of worlds. Tasks add their own; every array has the world as its first axis."""
@@ -131,10 +141,7 @@ class Task(ABC):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle", load(self.spacecraft))
-        if not 1 <= self.fault_slots <= 64:
-            raise ValueError(
-                f"fault_slots is {self.fault_slots!r}; a whole number from 1 to 64 would be right"
-            )
+        check_whole("fault_slots", self.fault_slots, 1, 64)
         if not 0.0 < self.max_substep <= 60.0:
             raise ValueError(
                 f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right "

@@ -30,7 +30,16 @@ from thruster_envs.tasks.access import (
     rate_error,
     write_oracle_view,
 )
-from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.contract import (
+    Feature,
+    FloatArray,
+    Observations,
+    Outcome,
+    Task,
+    TaskState,
+    Truth,
+    check_whole,
+)
 from thruster_envs.tasks.pilot import Pilot
 
 _BOUND = 5.0
@@ -97,12 +106,9 @@ class FormationKeeping(Task):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (isinstance(self.craft, int) and 2 <= self.craft <= 8):
-            raise ValueError(f"craft is {self.craft!r}; a whole number from 2 to 8 would be right")
-        if self.commanded is not None and not 1 <= self.commanded <= self.craft:
-            raise ValueError(
-                f"commanded is {self.commanded!r}; a whole number from 1 to {self.craft} would be right"
-            )
+        check_whole("craft", self.craft, 2, 8)
+        if self.commanded is not None:
+            check_whole("commanded", self.commanded, 1, self.craft)
         for name in ("radius", "slot_tolerance", "keep_out", "range_limit", "rate_limit", "fuel_price"):
             value = getattr(self, name)
             if not 0.0 < value < math.inf:

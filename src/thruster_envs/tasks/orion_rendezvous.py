@@ -96,15 +96,16 @@ class OrionRendezvous(Task):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "start", tuple(float(x) for x in self.start))
+        start: tuple[float, ...] = tuple(float(x) for x in self.start)
+        object.__setattr__(self, "start", start)
         for name in ("position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
                      "range_limit", "rate_limit", "rate_soft_limit", "orbits"):  # fmt: skip
             value = getattr(self, name)
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
-        if len(self.start) != 3 or not math.hypot(*self.start) < self.range_limit:
+        if len(start) != 3 or not math.hypot(*start) < self.range_limit:
             raise ValueError(
-                f"start is {self.start!r}; three numbers of m within {self.range_limit:g} m would be right"
+                f"start is {start!r}; three numbers of m within {self.range_limit:g} m would be right"
             )
 
     @cached_property

@@ -53,7 +53,8 @@ class Pilot:
             if np.abs(together).max() < 1e-9
             else np.zeros(effectiveness.shape[1])
         )
-        return cls(np.linalg.pinv(effectiveness), null, vehicle.mean_motion, vehicle.control_period)
+        inverse = np.asarray(np.linalg.pinv(effectiveness), np.float64)
+        return cls(inverse, null, vehicle.mean_motion, vehicle.control_period)
 
     def fly(
         self, data: NDArray[np.float64], slots: NDArray[np.float64], first: int, craft: int, worlds: int

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -132,7 +132,7 @@ class ThrusterMapping(Task):
         imperfections = (
             "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "scatter",
         )  # fmt: skip
-        plain = dict.fromkeys(imperfections, 0.0)
+        plain: dict[str, Any] = dict.fromkeys(imperfections, 0.0)
         thrusters = tuple(
             dataclasses.replace(thruster, **plain, specific_impulse=np.inf)
             for thruster in self.vehicle.thrusters
@@ -142,9 +142,13 @@ class ThrusterMapping(Task):
     def create(self, worlds: int, threads: int | None) -> MappingState:
         """Arrays for that many worlds."""
         fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads)
-        six = [np.zeros((worlds, 6)) for _ in range(5)]
+        changes = ("command", "answered", "delivered", "measured", "expected")
         return MappingState(
-            fleet, MappingModel.of(self.vehicle), *six, np.zeros((worlds, 2)), np.zeros((worlds, 2))
+            fleet,
+            MappingModel.of(self.vehicle),
+            terms=np.zeros((worlds, 2)),
+            sums=np.zeros((worlds, 2)),
+            **{name: np.zeros((worlds, 6)) for name in changes},
         )
 
     def reset(self, state: MappingState, which: NDArray[np.int64]) -> None:

@@ -19,6 +19,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from thruster_envs.protocols import Mapper
+from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.single import TaskEnv
 from thruster_envs.views.vector import TaskVectorEnv
 
@@ -46,7 +47,8 @@ class _Allocation:
 
     def duties(self, on_times: Array) -> Array:
         """Actions of the environment beneath, -1..1, from on-times."""
-        return 2.0 * np.clip(on_times / self.task.vehicle.control_period, 0.0, 1.0) - 1.0
+        duties = np.clip(on_times / self.task.vehicle.control_period, 0.0, 1.0)
+        return np.asarray(2.0 * duties - 1.0)
 
     def from_rate_change(self, actions: Array) -> Array:
         """(worlds, 6) shares of the authority per axis to actions beneath."""
@@ -55,13 +57,14 @@ class _Allocation:
 
     def from_health(self, health: Array) -> Array:
         """(worlds, n) believed health 0..1 to actions beneath."""
-        commands = self.worlds.state.command
+        state = self.worlds.state
+        assert isinstance(state, MappingState)  # as _has_command made sure
         effectiveness = self.mapper.effectiveness * health[:, np.newaxis, :]
-        return self.duties(np.asarray(self.mapper(commands, effectiveness=effectiveness).on_times))
+        return self.duties(np.asarray(self.mapper(state.command, effectiveness=effectiveness).on_times))
 
 
 def _has_command(allocation: _Allocation) -> None:
-    if not hasattr(allocation.worlds.state, "command"):
+    if not isinstance(allocation.worlds.state, MappingState):
         raise ValueError(
             f"{type(allocation.task).__name__} commands no rate change, so a belief alone says nothing; "
             "MapperAction, or ThrusterMapping-v0, would be right"
@@ -85,7 +88,8 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any]):
 
     def action(self, action: Any) -> Array:
         """Duties in [-1, 1]."""
-        return self._allocation.from_rate_change(_finite(action, 6)[np.newaxis])[0]
+        duties: Array = self._allocation.from_rate_change(_finite(action, 6)[np.newaxis])[0]
+        return duties
 
 
 class VectorMapperAction(VectorWrapper):
@@ -173,7 +177,7 @@ class VectorBeliefAction(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Allocate the commands with these beliefs, and fire."""
         self._belief = _health(_finite(actions, *self._belief.shape))
-        base = self.env.unwrapped
+        base: Any = self.env.unwrapped
         begins = base.pending_resets
         observations, rewards, terminated, truncated, infos = self.env.step(
             self._allocation.from_health(self._belief)

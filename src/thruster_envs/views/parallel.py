@@ -19,10 +19,10 @@ Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):
+class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # PettingZoo publishes no types
     """PAGE"""
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # PettingZoo declares an instance attribute
+    metadata: ClassVar[dict[str, Any]] = {
         "name": "formation_keeping_v0",
         "render_modes": list(RENDER_MODES),
         "is_parallelizable": True,
@@ -40,8 +40,6 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.agents: list[str] = []
         self.observation_spaces = {agent: observation_space(self.task) for agent in self.possible_agents}
         self.action_spaces = {agent: action_space(self.task) for agent in self.possible_agents}
-        size = self.task.observation_size * len(self.possible_agents)
-        self.state_space = spaces.Box(-np.inf, np.inf, (size,), dtype=np.float32)
         box = self.observation_spaces[self.possible_agents[0]]
         self.state_space = spaces.Box(
             np.tile(box.low, len(self.possible_agents)),
@@ -115,7 +113,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):
 
     def state(self) -> Observation:
         """The observations of all agents, one after another."""
-        return self.worlds.observe()[0].reshape(-1)
+        return np.ravel(self.worlds.observe()[0])
 
     def _watch(self, *, begins: bool) -> None:
         if self.render_mode is not None:

@@ -40,7 +40,7 @@ class _BatchVecEnv(VecEnv):
         """The batch's attribute, once for each index."""
         return [self._attribute(attr_name) for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002  # SB3's signature
         """Not possible for single members of a batch; make the batch with another configuration."""
         raise AttributeError(
             f"{attr_name} cannot be set in members of a batch; make the batch with another configuration"
@@ -51,7 +51,7 @@ class _BatchVecEnv(VecEnv):
         result = self._attribute(method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:  # noqa: ARG002  # SB3's signature
         """Single-environment wrappers are never there."""
         return [False for _ in self._get_indices(indices)]
 
@@ -89,11 +89,12 @@ class SB3VecEnv(_BatchVecEnv):
         """Begin an episode in every world, with what :meth:`seed` and :meth:`set_options` were given."""
         seed = None if all(one is None for one in self._seeds) else self._seeds
         options = next((one for one in self._options if one), None)
-        observations, self._latest = self.env.reset(seed=seed, options=options)
+        env: Any = self.env  # Gymnasium types the seed of a vector environment as one number
+        observations, self._latest = env.reset(seed=seed, options=options)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return np.asarray(observations)
 
     def step_wait(
         self,
@@ -120,7 +121,7 @@ class SB3VecEnv(_BatchVecEnv):
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Pictures of the worlds, if it was made with ``render_mode="rgb_array"``."""
-        frames = self.env.render() if self.env.render_mode == "rgb_array" else None
+        frames: Any = self.env.render() if self.env.render_mode == "rgb_array" else None
         return list(frames) if frames is not None else [None] * self.num_envs
 
     def _attribute(self, name: str) -> Any:

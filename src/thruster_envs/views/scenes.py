@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from thruster_envs.physics import layout as at
 from thruster_envs.rendering import CraftScene, Renderer, Scene
-from thruster_envs.tasks import FormationKeeping, ThrusterMapping
+from thruster_envs.tasks.formation_keeping import FormationState
+from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.worlds import Worlds
 
 #: Modes that every environment can be rendered in.
@@ -69,7 +68,7 @@ class Camera:
         path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
         slots = (
             worlds.state.slots[world, :, :3]
-            if isinstance(task, FormationKeeping)
+            if isinstance(worlds.state, FormationState)
             else np.zeros((fleet.craft, 3))
         )
         craft = tuple(
@@ -90,7 +89,7 @@ class Camera:
             ("score", f"{info['score'][world].mean():.2f}"),
         ]
         bars: tuple[tuple[str, float, float], ...] = ()
-        if isinstance(task, ThrusterMapping):
+        if isinstance(worlds.state, MappingState):
             bars = _rate_bars(worlds.state, world)
         else:
             distance = float(np.linalg.norm(craft[0].position - craft[0].target))
@@ -105,7 +104,7 @@ class Camera:
         )
 
 
-def _rate_bars(state: Any, world: int) -> tuple[tuple[str, float, float], ...]:
+def _rate_bars(state: MappingState, world: int) -> tuple[tuple[str, float, float], ...]:
     """Commanded and delivered rate change of the last command, in shares of the authority per axis."""
     authority = state.model.authority
     commanded, delivered = state.answered[world] / authority, state.delivered[world] / authority

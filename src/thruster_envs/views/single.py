@@ -18,7 +18,7 @@ Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class TaskEnv(gym.Env[Observation, Observation]):
+class TaskEnv(gym.Env[Observation, Any]):
     """One world of a task, one commanded craft; subclasses name the task.
 
     Args:
@@ -84,7 +84,7 @@ class TaskEnv(gym.Env[Observation, Observation]):
             if self.render_mode == "human":
                 self._camera.show()
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]  # Gymnasium's frame type is a type variable
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""
         if self.render_mode == "rgb_array":
             return self._camera.frame()

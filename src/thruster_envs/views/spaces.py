@@ -8,13 +8,13 @@ from gymnasium import spaces
 from thruster_envs.tasks import Task
 
 
-def observation_space(task: Task) -> spaces.Box:
+def observation_space(task: Task) -> spaces.Box[np.float32]:
     """Box of one agent's observation, float32, finite, bounds feature by feature."""
     low = np.concatenate([np.full(feature.size, feature.low) for feature in task.features])
     high = np.concatenate([np.full(feature.size, feature.bound) for feature in task.features])
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
-def action_space(task: Task) -> spaces.Box:
+def action_space(task: Task) -> spaces.Box[np.float32]:
     """Box [-1, 1] per thruster, float32."""
     return spaces.Box(-1.0, 1.0, (task.action_size,), dtype=np.float32)

@@ -11,15 +11,16 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from thruster_envs.tasks import Task
+from thruster_envs.tasks.contract import check_whole
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_render_mode, make_task
 from thruster_envs.views.spaces import action_space, observation_space
-from thruster_envs.views.worlds import Step, Worlds, checked_seed
+from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds, checked_seed
 
 Observations = NDArray[np.float32]
 
 
-class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
+class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
     """Many worlds of a task, one commanded craft in each; subclasses name the task.
 
     World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit
@@ -60,8 +61,7 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
         threads: int | None = None,
         **configuration: Any,
     ) -> None:
-        if not (isinstance(num_envs, int) and num_envs > 0):
-            raise ValueError(f"num_envs is {num_envs!r}; a whole number above 0 would be right")
+        check_whole("num_envs", num_envs, 1, MOST_WORLDS)
         self.task = make_task(self.task_type, configuration, self.fixed)
         self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
         self.set_autoreset_mode(autoreset_mode)
@@ -197,7 +197,7 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
         """Arrays whose first axis is the world."""
         return _first_agent(self.worlds.info(step))
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]  # Gymnasium's frame type is a type variable
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of the worlds now, in the mode ``rgb_array``."""
         if self.render_mode == "rgb_array":
             return tuple(camera.frame() for camera in self._cameras)
@@ -205,7 +205,7 @@ class TaskVectorEnv(VectorEnv[Observations, Observations, NDArray[np.float64]]):
             camera.show()
         return None
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  # Gymnasium's signature
         """Close the window, if there is one."""
         for camera in self._cameras:
             camera.close()

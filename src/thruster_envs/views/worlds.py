@@ -13,9 +13,11 @@ from thruster_envs.faults import as_faults
 from thruster_envs.faults import encoding as code
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of
-from thruster_envs.tasks.contract import FloatArray, Observations
+from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
 
 _LOW = 2**64 - 1
+#: A bound on the worlds of one batch that only a slip of the pen reaches.
+MOST_WORLDS = 2**31 - 1
 
 
 class Step(NamedTuple):
@@ -60,12 +62,9 @@ class Worlds:
     def __init__(
         self, task: Task, number: int, *, max_episode_steps: int | None = None, threads: int | None = None
     ) -> None:
-        if max_episode_steps is not None and not (
-            isinstance(max_episode_steps, int) and max_episode_steps > 0
-        ):
-            raise ValueError(
-                f"max_episode_steps is {max_episode_steps!r}; a whole number above 0, or None, would be right"
-            )
+        check_whole("number", number, 1, MOST_WORLDS)
+        if max_episode_steps is not None:
+            check_whole("max_episode_steps", max_episode_steps, 1, 2**62)
         self.task, self.number, self.max_episode_steps = task, number, max_episode_steps
         self.state = task.create(number, threads)
         self.fleet = self.state.fleet
