@@ -58,8 +58,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tests.physics.closed_forms import cross, orbit_radius, product, rotation_matrix
 
+from tests.physics.closed_forms import cross, orbit_radius, product, rotation_matrix
 from thruster_envs.faults import Fault
 from thruster_envs.spacecraft import Spacecraft
 

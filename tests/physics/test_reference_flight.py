@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+
 from tests.physics.closed_forms import (
     EARTH_GRAVITATIONAL_PARAMETER,
     angular_momentum,
@@ -26,7 +27,6 @@ from tests.physics.closed_forms import (
     torque_free_axisymmetric,
 )
 from tests.physics.reference_flight import STANDARD_GRAVITY, FlightState, delivered_impulse, fly, tilted
-
 from thruster_envs.faults import Fault
 from thruster_envs.spacecraft import Feed, Spacecraft, Thruster, load
 

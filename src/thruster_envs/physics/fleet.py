@@ -97,7 +97,7 @@ class Fleet:
         self._radius = orbit_radius(spacecraft.mean_motion) if nonlinear else None
         self._dynamic = bool(
             np.any(self.thrusters[[at.OPENING_DELAY, at.CLOSING_DELAY]] > 0.0)
-            or np.any(self.thrusters[[at.RISE_RATE, at.FALL_RATE]] < _AT_ONCE)
+            or np.any(self.thrusters[[at.RISE_RATE, at.FALL_RATE]] < 1.0 / _NO_TIME)
         )
         corners = spacecraft.number_of_thrusters * (
             firing.CORNERS_WITH_DYNAMICS if self._dynamic else firing.CORNERS
@@ -229,8 +229,8 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="thruster_envs")
 
 
-#: Slope (1/s) that stands for a valve level that jumps.
-_AT_ONCE = 1e30
+#: Seconds; a valve level that takes no longer to rise or fall jumps.
+_NO_TIME = 1e-30
 
 
 def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
@@ -241,8 +241,8 @@ def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
         rows[at.MINIMUM_PULSE, i] = thruster.minimum_pulse
         rows[at.OPENING_DELAY, i] = thruster.opening_delay
         rows[at.CLOSING_DELAY, i] = thruster.closing_delay
-        rows[at.RISE_RATE, i] = 1.0 / thruster.rise_time if thruster.rise_time > 0.0 else _AT_ONCE
-        rows[at.FALL_RATE, i] = 1.0 / thruster.fall_time if thruster.fall_time > 0.0 else _AT_ONCE
+        rows[at.RISE_RATE, i] = 1.0 / max(thruster.rise_time, _NO_TIME)
+        rows[at.FALL_RATE, i] = 1.0 / max(thruster.fall_time, _NO_TIME)
         rows[at.SCATTER, i] = thruster.scatter
         rows[at.FLOW_PER_THRUST, i] = 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY)
     rows[at.BELIEVED : at.BELIEVED + 6] = spacecraft.effectiveness()
