@@ -1,6 +1,6 @@
 """Formation keeping as a PettingZoo module: ``parallel_env``, ``env`` (one agent at a time) and ``raw_env``.
 
-Importing it registers ``thruster_envs/formation_keeping_v0`` with PettingZoo.
+Importing it registers ``thruster_envs/formation_keeping_v0`` with PettingZoo, one form in each of its tables.
 
 >>> from thruster_envs import formation_keeping_v0
 >>> env = formation_keeping_v0.parallel_env(craft=2)
@@ -14,12 +14,16 @@ from __future__ import annotations
 from typing import Any
 
 import pettingzoo
+from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.utils.conversions import parallel_to_aec
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from thruster_envs.views.parallel import FormationParallelEnv
 
 __all__ = ["env", "parallel_env", "raw_env"]
+
+#: Under which PettingZoo finds the environment, as in ``pettingzoo.make("parallel", ID)``.
+ID = "thruster_envs/formation_keeping-v0"
 
 
 def parallel_env(**kwargs: Any) -> FormationParallelEnv:
@@ -35,3 +39,9 @@ def raw_env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:
 def env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:
     """:func:`raw_env` with a clear error for calls in the wrong order."""
     return OrderEnforcingWrapper(raw_env(**kwargs))
+
+
+_FORMS = (("parallel", parallel_registry, "parallel_env"), ("aec", aec_registry, "env"))
+for _type, _registry, _maker in _FORMS:
+    if ID not in _registry:
+        pettingzoo.register(_type, ID, entry_point=f"{__name__}:{_maker}")

@@ -19,8 +19,106 @@ Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # PettingZoo publishes no types
-    """PAGE"""
+class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # untyped
+    """Keep a formation of craft in its slots, every craft an agent of its own.
+
+    ## Description
+
+    Three Orion craft (two to eight) keep slots that lie evenly on a circular relative orbit of 50 m about an
+    empty reference point. Free motion follows that orbit without fuel, so what is to be flown against is
+    dispersion, sensor noise, firing scatter, and faults. The fuel bill is shared: whoever fires, all pay. The
+    agents are called `craft_1`, `craft_2`, ...; all of them stay until the episode ends, for all at once.
+    Single-agent form: `thruster_envs/FormationKeeping-v0` in Gymnasium.
+
+    ## Action Space
+
+    `Box(-1, 1, (12,), float32)` for each agent, the duty of each thruster in the coming period of 5 s.
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-11 | duty of each thruster: -1 stays shut, 0 opens for half the period, 1 for all of it | -1 | 1 | 1 |
+
+    ## Observation Space
+
+    `Box(..., (43,), float32)` for each agent, for three craft. Positions and velocities in LVLH axes x, y, z;
+    attitude error, rate error and rate changes in body axes. *Authority* is the largest rate change that the
+    healthy vehicle reaches on an axis in one period. Values beyond a bound are clipped.
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-2 | measured position relative to the slot | -5 | 5 | 10 m |
+    | 3-5 | measured velocity relative to the slot | -5 | 5 | 0.05 m/s |
+    | 6-8 | measured attitude error | -5 | 5 | 0.5 rad |
+    | 9-11 | measured rate error | -5 | 5 | 0.05 rad/s |
+    | 12-23 | last duties | 0 | 1 | 1 |
+    | 24-29 | last measured rate change | -5 | 5 | authority per axis |
+    | 30-35 | last expected rate change | -5 | 5 | authority per axis |
+    | 36 | own fuel over the formation's mean, less one | -1 | 5 | 1 |
+    | 37-42 | measured positions of the other craft | -5 | 5 | 100 m |
+
+    The positions of the other craft are relative to the own one, in the order of the craft. With
+    `observe_fault=True` there follow, for each thruster:
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 43-54 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
+    | 55-66 | true opening of each thruster when closed | 0 | 1 | 1 |
+
+    `state()` is the observations of all agents, one after another.
+
+    ## Rewards
+
+    For each agent:
+
+    - `tracking`: - min(distance from the slot / 10 m, 1)
+    - `attitude`: - 0.5 min(angle from LVLH / 1 rad, 1)
+    - `fuel`: - `fuel_price` times the mean over all craft of the share of thruster time in which valves were
+      open
+
+    ## Starting State
+
+    The first slot is at a random phase of the relative orbit. Each craft starts at its slot, dispersed
+    uniformly by 2 m, 5 mm/s, 5 degrees and 1 mrad/s on each axis. No faults unless `faults` says so.
+
+    ## Episode End
+
+    Terminates for all when any craft is further than 100 m from its slot or turns faster than 1 rad/s.
+    Truncated for all after `max_cycles` periods.
+
+    ## Information
+
+    For each agent, the same keys as in the Gymnasium environments:
+
+    - `reward_terms`: the terms above by name; they sum to the reward.
+    - `cost`: 1 - distance / 10 m to the nearest other craft, where that is above 0: the danger of a
+      collision.
+    - `fault`: arrays over the fault slots of the craft: `thruster` (from 1; 0 is an empty slot), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+    - `fuel`: thruster-seconds of open valve of the craft since the reset.
+    - `score`: share of the steps so far after which the craft was within 1 m of its slot.
+    - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
+
+    ## Arguments
+
+    - `max_cycles`: time limit in periods, 120 by default.
+    - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `craft`: number of craft, 2 to 8. `commanded`: how many of them are agents, counted from the first; the
+      others fly with the suite's scripted pilot, which knows of no fault.
+    - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
+      mappings. `reset(options={"faults": ...})` gives one episode its own.
+    - `spacecraft`, `observe_fault`, `fault_slots`, `nonlinear`, `max_substep`, `radius`, `slot_tolerance`,
+      `keep_out`, `range_limit`, `rate_limit`, `fuel_price`: as in
+      :class:`~thruster_envs.tasks.FormationKeeping`.
+
+    >>> env = FormationParallelEnv(craft=2, faults=[{"craft": 2, "thruster": 5, "kind": "leak"}])
+    >>> observations, infos = env.reset(seed=0)
+    >>> [int(infos[agent]["fault"]["thruster"][0]) for agent in env.agents]
+    [0, 5]
+
+    ## Version History
+
+    - v0: initial version
+    """
 
     metadata: ClassVar[dict[str, Any]] = {
         "name": "formation_keeping_v0",

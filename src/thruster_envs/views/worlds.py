@@ -177,7 +177,7 @@ class Worlds:
 
 
 class _Told(NamedTuple):
-    """What ``info`` tells of the faults of an episode, (worlds, agents, slots): it stays until the next reset."""
+    """What ``info`` tells of the faults of an episode, (worlds, agents, slots)."""
 
     thruster: NDArray[np.int64]
     kind: NDArray[np.int64]
