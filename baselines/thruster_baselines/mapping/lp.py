@@ -7,6 +7,8 @@ independent: the thrust that they cost each other through a shared feed is not i
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -50,7 +52,7 @@ class LPMapper:
 
     def __init__(
         self,
-        spacecraft: Spacecraft | ArrayLike,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
         max_on_time: ArrayLike | None = None,
         fuel_cost: ArrayLike | None = None,
         slack_cost: ArrayLike | None = None,

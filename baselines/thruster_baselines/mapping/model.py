@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_envs.protocols import Allocation, FloatArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["ClosedFormMapper", "Model", "matrix_times_vector"]
 
@@ -32,11 +33,12 @@ class Model:
     max_on_time: FloatArray
 
     @classmethod
-    def of(cls, spacecraft: Spacecraft | ArrayLike, max_on_time: ArrayLike | None) -> Model:
+    def of(cls, spacecraft: Spacecraft | str | Path | ArrayLike, max_on_time: ArrayLike | None) -> Model:
         """The model of a spacecraft, or of a bare effectiveness matrix (m, n).
 
         Args:
-            spacecraft: Description, or matrix in m/s^2 then rad/s^2.
+            spacecraft: Description, name in the catalogue, path of a TOML file, or matrix in m/s^2 then
+                rad/s^2.
             max_on_time: (n,) or one number for all thrusters, s; a spacecraft's default is its control
                 period.
 
@@ -44,6 +46,8 @@ class Model:
             ValueError: A matrix that is not two-dimensional or not finite; a bound that is missing, NaN or
                 negative.
         """
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
         if isinstance(spacecraft, Spacecraft):
             matrix = spacecraft.effectiveness()
             max_on_time = spacecraft.control_period if max_on_time is None else max_on_time
@@ -161,7 +165,9 @@ class ClosedFormMapper(ABC):
         max_on_time: (n,), s; read-only.
     """
 
-    def __init__(self, spacecraft: Spacecraft | ArrayLike, max_on_time: ArrayLike | None = None) -> None:
+    def __init__(
+        self, spacecraft: Spacecraft | str | Path | ArrayLike, max_on_time: ArrayLike | None = None
+    ) -> None:
         self._model = Model.of(spacecraft, max_on_time)
         self._model.effectiveness.setflags(write=False)
         self._model.max_on_time.setflags(write=False)
