@@ -1,12 +1,12 @@
 """One control period of a batch of Orions in plain NumPy: what the compiled kernels are compared with.
 
-Models what the kernels model for a whole vehicle: pulses that end at different times, the period cut at each end,
-feed coupling, firing scatter, Hill's equations and a rigid body by RK4, a fourth-order Magnus step for the
-attitude, sensors with noise, the measured and the expected rate change. Written as one writes NumPy: arrays over
-the batch, a loop over the pieces of the period and their sub-steps.
+Models what the kernels model for a whole vehicle: pulses that end at different times, the period cut at
+each end, feed coupling, firing scatter, Hill's equations and a rigid body by RK4, a fourth-order Magnus
+step for the attitude, sensors with noise, the measured and the expected rate change. Written as one writes
+NumPy: arrays over the batch, a loop over the pieces of the period and their sub-steps.
 
-Leaves out what the kernels do besides: faults, delays and ramps of valves, minimum pulses, runs, mass depletion, streams of randomness
-per world.
+Leaves out what the kernels do besides: faults, delays and ramps of valves, minimum pulses, runs, mass
+depletion, streams of randomness per world.
 """
 
 from __future__ import annotations

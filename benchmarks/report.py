@@ -1,4 +1,4 @@
-"""What a section of the benchmarks gives: rows with targets, beside tables and profiles; as text and as Markdown.
+"""What a section of the benchmarks gives: rows with targets, tables and profiles; as text and as Markdown.
 
 A section's function returns a :class:`Section`. Nothing here measures anything.
 """
@@ -184,8 +184,9 @@ def report(sections: Sequence[Section], picture: str | None, share_of_core: floa
     )
     parts = [
         "# Speed",
-        "Written by `make bench`; not edited by hand. Every figure is the median of at least five repetitions, "
-        "taken in turns with what it is compared with. Compilation and construction are left out.",
+        "Written by `make bench`; not edited by hand. Every figure is the median of at least five "
+        "repetitions, taken in turns with what it is compared with. Compilation and construction are left "
+        "out.",
         summary,
         machine_facts(share_of_core),
     ]
@@ -211,8 +212,8 @@ def machine_facts(share_of_core: float | None) -> str:
 
 
 LIBRARIES = (
-    "thruster-envs", "numpy", "numba", "gymnasium", "stable-baselines3", "torch", "vmas", "bsk", "scipy", "highspy",
-    "swiglpk", "daqp",
+    "thruster-envs", "numpy", "numba", "gymnasium", "stable-baselines3", "torch", "vmas", "bsk", "scipy",
+    "highspy", "swiglpk", "daqp",
 )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """How long things take: repetitions in turns, medians, ratios by round.
 
-Time is that of the wall clock, which is what a user waits for. The processor time of the calling thread is kept
-beside it: on one thread the two are equal on a quiet machine, and :func:`share_of_core` says how quiet it was.
+Time is that of the wall clock, which is what a user waits for. The processor time of the calling thread
+is kept beside it: on one thread the two are equal on a quiet machine, and :func:`share_of_core` says how
+quiet it was. On a machine that others use, work on one thread can be timed by the processor's clock.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ class Effort:
         repetitions: Of every figure.
         seconds: That one repetition should last at least.
         quick: Whether this only shows that everything runs.
+        processor_time: Whether work on one thread is timed by the processor's clock, not by the wall's.
     """
 
     repetitions: int = 7
     seconds: float = 0.4
     quick: bool = False
+    processor_time: bool = False
 
 
 QUICK = Effort(repetitions=2, seconds=0.001, quick=True)
@@ -35,17 +38,15 @@ class Timing:
     """Repetitions of one piece of work.
 
     Attributes:
-        wall: Seconds per call in each round.
-        processor: Processor seconds of the calling thread per call in each round.
+        rounds: Seconds per call in each round.
     """
 
-    wall: tuple[float, ...]
-    processor: tuple[float, ...]
+    rounds: tuple[float, ...]
 
     @property
     def seconds(self) -> float:
         """Median time of one call, s."""
-        return statistics.median(self.wall)
+        return statistics.median(self.rounds)
 
     def per_second(self, amount: float) -> float:
         """How much is done in a second if one call does ``amount``."""
@@ -53,7 +54,7 @@ class Timing:
 
     def times_faster_than(self, other: Timing, own: float = 1.0, others: float = 1.0) -> float:
         """Median over the rounds of own speed over the other's, where a call does ``own`` and ``others``."""
-        pairs = zip(self.wall, other.wall, strict=True)
+        pairs = zip(self.rounds, other.rounds, strict=True)
         return statistics.median(own * theirs / (others * mine) for mine, theirs in pairs)
 
 
@@ -79,18 +80,18 @@ def race(
         Name to timing.
     """
     calls = {name: _calls_for(work, effort.seconds) for name, work in works.items()}
-    wall: dict[str, list[float]] = {name: [] for name in works}
-    processor: dict[str, list[float]] = {name: [] for name in works}
+    rounds: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(effort.repetitions):
         for name, work in works.items():
             wall_start, processor_start = time.perf_counter(), time.thread_time()
             for _ in range(calls[name]):
                 work()
-            processor[name].append((time.thread_time() - processor_start) / calls[name])
-            wall[name].append((time.perf_counter() - wall_start) / calls[name])
+            processor, wall = time.thread_time() - processor_start, time.perf_counter() - wall_start
             if not threaded:
-                _shares.append(processor[name][-1] / wall[name][-1])
-    return {name: Timing(tuple(wall[name]), tuple(processor[name])) for name in works}
+                _shares.append(processor / wall)
+            by_processor = effort.processor_time and not threaded
+            rounds[name].append((processor if by_processor else wall) / calls[name])
+    return {name: Timing(tuple(times)) for name, times in rounds.items()}
 
 
 def _calls_for(work: Callable[[], object], seconds: float) -> int:
@@ -102,11 +103,6 @@ def _calls_for(work: Callable[[], object], seconds: float) -> int:
         for _ in range(calls):
             work()
         elapsed = time.perf_counter() - start
-        if elapsed >= seconds:
+        if elapsed >= 0.7 * seconds:
             return calls
-        calls = (
-            max(2 * calls, int(1.1 * calls * seconds / max(elapsed, 1e-9)))
-            if elapsed < 0.5 * seconds
-            else calls + 1
-        )
-        calls = min(calls, 1_000_000)
+        calls = max(2 * calls, int(0.8 * calls * seconds / max(elapsed, 1e-9)))

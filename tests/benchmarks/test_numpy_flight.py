@@ -20,7 +20,7 @@ def orion():
 
 
 def test_a_healthy_flight_agrees_with_the_kernels_to_rounding(orion):
-    """Twelve periods of random duties, with the kernels' own scatter; without noise measured and true state agree."""
+    """Twelve periods of random duties, with the kernels' own scatter and without sensor noise."""
     rng = np.random.default_rng(0)
     duties = rng.random((PERIODS, WORLDS, 12))
     duties[2], duties[3] = 0.0, rng.integers(0, 2, (WORLDS, 12))
