@@ -46,7 +46,7 @@ _BOUND = 5.0
 #: What observations are divided by: m, m/s, rad, rad/s; distances between craft, m.
 _POSITION, _VELOCITY, _ANGLE, _RATE, _BETWEEN = 10.0, 0.05, 0.5, 0.05, 100.0
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
-_DISPERSION = (2.0, 0.005, math.radians(5.0), 1e-3)
+_DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
 # Columns of the account, per craft.
 _TRACKING, _ATTITUDE, _FUEL, _COST, _OPEN_TIME, _KEPT, _COLLISIONS, _ACCOUNT = range(8)
 # Entries of the limits.
