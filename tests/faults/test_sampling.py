@@ -1,0 +1,190 @@
+"""The compiled draw of faults: what comes out follows the law that the distribution states."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy import stats
+
+from thruster_envs.faults import Fault, FaultDistribution, decode
+from thruster_envs.faults.distribution import DEFAULT_SEVERITY
+from thruster_envs.faults.encoding import FAULT_FIELDS
+from thruster_envs.faults.record import KINDS, PROFILES
+from thruster_envs.faults.sampling import draw_faults
+
+THRUSTERS = 12
+WORLDS = 6000
+RARE = 1e-3
+"""A law is rejected below this p-value; the draws are the same in each run."""
+
+
+@njit
+def draw_all(rows, table, thrusters, episode, keys):
+    for world in range(rows.shape[0]):
+        draw_faults(rows[world], table, thrusters, episode, keys[world], np.uint64(0))
+
+
+def drawn(
+    *,
+    worlds: int = WORLDS,
+    craft: int = 1,
+    slots: int = 4,
+    episode: int = 0,
+    first_seed: int = 0,
+    **law: object,
+) -> list[list[Fault]]:
+    """The faults of each world."""
+    table = FaultDistribution(**law).encode(THRUSTERS, craft)
+    rows = np.full((worlds, craft, slots, len(FAULT_FIELDS)), 7.0)
+    draw_all(rows, table, THRUSTERS, episode, np.arange(first_seed, first_seed + worlds, dtype=np.uint64))
+    return [decode(one) for one in rows]
+
+
+def every(faults: list[list[Fault]]) -> list[Fault]:
+    """All faults of all worlds."""
+    return [fault for world in faults for fault in world]
+
+
+def assert_shares(values: list[object], shares: dict[object, float]) -> None:
+    """That values come in these shares, and no others come (chi-square)."""
+    count = Counter(values)
+    assert set(count) == set(shares)
+    expected = [share * len(values) for share in shares.values()]
+    assert stats.chisquare([count[value] for value in shares], expected).pvalue > RARE
+
+
+def assert_uniform(values: list[float], low: float, high: float) -> None:
+    """That values are uniform over a range (Kolmogorov and Smirnov)."""
+    assert low <= min(values) <= max(values) <= high
+    assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > RARE
+
+
+@pytest.mark.parametrize("probability", [0.0, 0.3, 1.0])
+def test_a_world_draws_faults_with_the_stated_probability(probability):
+    some = sum(bool(world) for world in drawn(probability=probability))
+    assert abs(some - probability * WORLDS) <= 4.0 * math.sqrt(probability * (1.0 - probability) * WORLDS)
+
+
+def test_the_number_of_faults_is_uniform_over_its_range():
+    assert_shares(
+        [len(world) for world in drawn(probability=1.0, count=(1, 3))], {1: 1 / 3, 2: 1 / 3, 3: 1 / 3}
+    )
+
+
+def test_kinds_come_by_their_weights():
+    assert_shares([one.kind for one in every(drawn(probability=1.0))], dict.fromkeys(KINDS, 1 / len(KINDS)))
+    weighted = drawn(probability=1.0, kinds={"leak": 3.0, "loss": 1.0, "stuck_on": 0.0})
+    assert_shares([one.kind for one in every(weighted)], {"leak": 0.75, "loss": 0.25})
+
+
+def test_each_thruster_is_equally_likely():
+    faults = every(drawn(probability=1.0))
+    assert_shares(
+        [one.thruster for one in faults], {number: 1 / THRUSTERS for number in range(1, THRUSTERS + 1)}
+    )
+
+
+def test_only_listed_thrusters_fail():
+    faults = drawn(probability=1.0, thrusters=(2, 5, 11), count=(2, 2))
+    assert_shares([one.thruster for one in every(faults)], {2: 1 / 3, 5: 1 / 3, 11: 1 / 3})
+
+
+def test_no_thruster_of_a_craft_fails_twice():
+    for world in drawn(probability=1.0, count=(1, 4), thrusters=(1, 2, 3, 4)):
+        assert len({one.thruster for one in world}) == len(world)
+
+
+def test_the_last_free_thruster_is_found_and_then_no_more():
+    worlds = drawn(worlds=200, probability=1.0, count=(3, 3), thrusters=(4, 8, 9))
+    assert all({one.thruster for one in world} == {4, 8, 9} for world in worlds)
+
+
+def test_each_craft_is_equally_likely_and_has_thrusters_of_its_own():
+    worlds = drawn(probability=1.0, craft=3, count=(4, 4), thrusters=(6, 7))
+    assert all(len({(one.craft, one.thruster) for one in world}) == len(world) for world in worlds)
+    singles = every(drawn(probability=1.0, craft=3))
+    assert_shares([one.craft for one in singles], {1: 1 / 3, 2: 1 / 3, 3: 1 / 3})
+
+
+def test_a_craft_without_a_free_slot_gets_no_more_faults():
+    worlds = drawn(worlds=300, probability=1.0, count=(4, 4), slots=2)
+    assert {len(world) for world in worlds} == {2}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_severities_are_uniform_over_the_range_of_their_kind(kind):
+    values = [one.severity for one in every(drawn(probability=1.0, kinds=(kind,)))]
+    low, high = DEFAULT_SEVERITY[kind]
+    if low == high:
+        assert set(values) == {low}
+    else:
+        assert_uniform(values, low, high)
+    own = drawn(probability=1.0, kinds=(kind,), severity={kind: (0.2, 0.6)})
+    assert_uniform([one.severity for one in every(own)], 0.2, 0.6)
+
+
+def test_times_dwell_and_azimuth_are_uniform_over_their_ranges():
+    faults = every(
+        drawn(
+            probability=1.0,
+            onset=(10.0, 90.0),
+            duration=(5.0, 25.0),
+            profiles=("intermittent",),
+            profile_time=(10.0, 30.0),
+            dwell=(0.2, 0.7),
+        )
+    )
+    assert_uniform([one.onset for one in faults], 10.0, 90.0)
+    assert_uniform([one.duration for one in faults], 5.0 - 1e-9, 25.0)
+    assert_uniform([one.profile_time for one in faults], 10.0, 30.0)
+    assert_uniform([one.dwell for one in faults], 0.2, 0.7)
+    assert_uniform([one.azimuth for one in faults], 0.0, 2.0 * math.pi)
+
+
+def test_what_is_drawn_of_a_fault_is_independent():
+    faults = every(drawn(probability=1.0, kinds=("loss",), onset=(0.0, 1.0), profiles=PROFILES))
+    columns = [
+        [getattr(one, name) for one in faults]
+        for name in ("thruster", "severity", "onset", "profile_time", "azimuth")
+    ]
+    correlation = np.corrcoef(columns) - np.eye(len(columns))
+    assert np.abs(correlation).max() < 4.0 / math.sqrt(len(faults))
+
+
+def test_faults_stay_unless_they_are_given_a_duration():
+    assert {one.duration for one in every(drawn(probability=1.0, onset=(0.0, 10.0)))} == {math.inf}
+
+
+def test_onsets_stand_on_their_grid_where_there_is_one():
+    """Rounded down: the first of the grid's steps is as likely as the others."""
+    onsets = [one.onset for one in every(drawn(probability=1.0, onset=(0.0, 20.0), onset_grid=5.0))]
+    assert_shares(onsets, {0.0: 0.25, 5.0: 0.25, 10.0: 0.25, 15.0: 0.25})
+
+
+def test_profiles_are_equally_likely_and_an_intermittent_fault_has_its_own():
+    faults = every(drawn(probability=1.0, kinds=("loss", "intermittent"), profiles=("step", "ramp", "sine")))
+    assert_shares(
+        [one.profile for one in faults if one.kind == "loss"], {"step": 1 / 3, "ramp": 1 / 3, "sine": 1 / 3}
+    )
+    assert {one.profile for one in faults if one.kind == "intermittent"} == {"intermittent"}
+
+
+LAW = {"probability": 0.7, "count": (1, 3), "onset": (0.0, 100.0), "profiles": PROFILES}
+
+
+def test_a_draw_depends_on_the_seed_and_the_episode_and_on_nothing_else():
+    together = drawn(worlds=50, first_seed=100, **LAW)
+    assert drawn(worlds=50, first_seed=100, **LAW) == together
+    assert drawn(worlds=1, first_seed=120, **LAW)[0] == together[20]
+    assert drawn(worlds=50, first_seed=100, episode=1, **LAW) != together
+    assert drawn(worlds=50, first_seed=101, **LAW)[:49] == together[1:]
+
+
+def test_consecutive_episodes_draw_independently():
+    """Whether a world draws a fault in one episode says nothing of the next."""
+    first, second = (np.array([bool(world) for world in drawn(episode=episode)]) for episode in (0, 1))
+    assert abs(np.corrcoef(first, second)[0, 1]) < 4.0 / math.sqrt(WORLDS)
