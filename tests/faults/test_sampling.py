@@ -83,9 +83,7 @@ def test_kinds_come_by_their_weights():
 
 def test_each_thruster_is_equally_likely():
     faults = every(drawn(probability=1.0))
-    assert_shares(
-        [one.thruster for one in faults], {number: 1 / THRUSTERS for number in range(1, THRUSTERS + 1)}
-    )
+    assert_shares([one.thruster for one in faults], dict.fromkeys(range(1, THRUSTERS + 1), 1 / THRUSTERS))
 
 
 def test_only_listed_thrusters_fail():
