@@ -141,7 +141,7 @@ class NumpyFlight:
         motion.velocity = v + h / 6 * (a1 + 2 * (a2 + a3) + a4)
 
     def _angular_acceleration(self, rate: Array, torque: Array) -> Array:
-        return (torque - np.cross(rate, rate @ self.inertia)) @ self.inverse
+        return (torque - _cross(rate, rate @ self.inertia)) @ self.inverse
 
     def _look(self, durations: Array, noise: Array) -> None:
         """Measure, and form the measured and the expected rate change."""
@@ -171,15 +171,20 @@ def _hill(r: Array, v: Array, n: float) -> Array:
     return np.stack([2 * n * v[:, 1] + 3 * n * n * r[:, 0], -2 * n * v[:, 0], -n * n * r[:, 2]], axis=1)
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """As ``np.cross``, several times faster for short arrays."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+
+
 def _product(a: Array, b: Array) -> Array:
     scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + _cross(a[:, 1:], b[:, 1:])
     return np.concatenate([scalar, vector], axis=1)
 
 
 def _rotate(q: Array, v: Array) -> Array:
-    t = np.cross(q[:, 1:], v)
-    return v + 2.0 * np.cross(q[:, 1:], t + q[:, :1] * v)
+    t = _cross(q[:, 1:], v)
+    return v + 2.0 * _cross(q[:, 1:], t + q[:, :1] * v)
 
 
 def _rotate_back(q: Array, v: Array) -> Array:
@@ -193,7 +198,7 @@ def _exponential(vector: Array) -> Array:
 
 def _turn(q: Array, rate_0: Array, rate_m: Array, rate_1: Array, h: Array) -> Array:
     """Fourth-order Magnus step of the attitude in inertial space."""
-    twist = np.cross(rate_0, rate_1)
+    twist = _cross(rate_0, rate_1)
     step = _exponential(-h / 12 * (rate_0 + 4.0 * rate_m + rate_1) - h * h / 24 * twist)
     return _product(step, q)
 

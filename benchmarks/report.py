@@ -69,6 +69,7 @@ class Row:
         note: What a reader has to know.
         explain: Shows where the time goes, as Markdown; called if the target is missed.
         charted: Whether the figure shows it.
+        own: Whether it is of this package, not of a peer.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Row:
     note: str = ""
     explain: Callable[[], str] | None = field(default=None, compare=False)
     charted: bool = False
+    own: bool = True
 
     @property
     def verdict(self) -> str:

@@ -1,0 +1,71 @@
+"""``python -m benchmarks [section ...]``: measure, print tables, write the report after a complete run."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib
+import sys
+import time
+from pathlib import Path
+
+from benchmarks.figure import draw
+from benchmarks.report import Section, report, section_as_text
+from benchmarks.timing import QUICK, Effort, share_of_core
+
+SECTIONS = ("environments", "peers", "learning", "mapping")
+RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
+
+
+def run(names: list[str], effort: Effort) -> list[Section]:
+    """Measure some sections, each a module of this package with a function ``measure``."""
+    found = []
+    for name in names:
+        print(f"{name}: measuring ...", end=" ", flush=True)
+        start = time.perf_counter()
+        section = importlib.import_module(f"benchmarks.{name}").measure(effort)
+        print(f"{time.perf_counter() - start:.0f} s")
+        print(section_as_text(section), flush=True)
+        found.append(section)
+    return found
+
+
+def write(sections: list[Section], folder: Path) -> Path:
+    """Write ``speed.md`` and ``speed.png``; profiles of missed targets are taken now."""
+    folder.mkdir(parents=True, exist_ok=True)
+    picture = folder / "speed.png"
+    text = report(sections, picture.name if draw(sections, picture) else None, share_of_core())
+    path = folder / "speed.md"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def main(arguments: list[str]) -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument(
+        "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; default: all"
+    )
+    parser.add_argument("--quick", action="store_true", help="only show that everything runs")
+    parser.add_argument(
+        "--processor-time", action="store_true",
+        help="time work on one thread by the processor's clock, on a machine that others use",
+    )  # fmt: skip
+    parser.add_argument(
+        "--output", type=Path, help="folder for speed.md and speed.png; a complete run writes docs/results"
+    )
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.sections if name not in SECTIONS]
+    if unknown:
+        parser.error(f"there is no section {unknown[0]!r}; one of {', '.join(SECTIONS)} would be right")
+    effort = dataclasses.replace(QUICK if options.quick else Effort(), processor_time=options.processor_time)
+    sections = run(options.sections or list(SECTIONS), effort)
+    folder = options.output
+    if folder is None and not options.sections and not options.quick:
+        folder = RESULTS
+    if folder is not None:
+        print(f"Written: {write(sections, folder)}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
