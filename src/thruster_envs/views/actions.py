@@ -189,6 +189,20 @@ class VectorBeliefAction(VectorWrapper):
         self._belief[begins] = 1.0
         return self._seen(observations), rewards, terminated, truncated, infos
 
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later steps depend on, the last beliefs among it, as copies by name."""
+        return self._batch().save_state() | {"belief": self._belief.copy()}
+
+    def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
+        self._batch().restore_state(saved)
+        self._belief = saved["belief"].copy()
+
+    def _batch(self) -> TaskVectorEnv:
+        base = self.env.unwrapped
+        assert isinstance(base, TaskVectorEnv)  # the constructor takes no other
+        return base
+
     def _seen(self, observations: Any) -> Any:
         return (
             np.concatenate([observations, self._belief.astype(np.float32)], axis=1)
