@@ -1,0 +1,17 @@
+"""Learned methods for spacecraft whose thrusters fail: policies, their training, and the comparison with classical methods.
+
+Importing this package loads neither torch nor Stable-Baselines3; `load` does when it is called.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["load"]
+
+
+def load(task_id: str, method: str = "beliefs", **where: Any) -> Any:
+    """A policy that `train.py` has trained; see :func:`thruster_agents.runs.load`."""
+    from thruster_agents.runs.loading import load as load_from_run
+
+    return load_from_run(task_id, method, **where)

@@ -1,0 +1,183 @@
+"""The rows of the table. Each method says what it is allowed to see.
+
+All but the oracle see the observation of the task and nothing else; classical methods take the command from the batch in full precision, where the observation has it
+rounded to single precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from thruster_agents.environments import Form, on_form
+from thruster_agents.evaluation.play import HEALTHY, Method, play
+from thruster_agents.seeds import VALIDATION
+from thruster_baselines.detection import ResponseTest, threshold_for
+from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper
+from thruster_envs.protocols import Mapper
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = [
+    "FALSE_ALARM_RATE",
+    "Blind",
+    "Constant",
+    "Learned",
+    "Oracle",
+    "Random",
+    "Tested",
+    "classical_methods",
+]
+
+#: Share of healthy episodes in which the response test may blame somebody.
+FALSE_ALARM_RATE = 0.01
+#: Healthy validation episodes on which its threshold is calibrated.
+CALIBRATION_EPISODES = 2000
+
+
+class _OnDuties:
+    """What the methods share that command duties."""
+
+    env: Any
+
+    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+        self.env = env.unwrapped
+        return env
+
+    @property
+    def command(self) -> NDArray[np.float64]:
+        """(worlds, 6), the command to be answered now, m/s and rad/s."""
+        return self.env.worlds.state.command
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        return self.env.task.vehicle.control_period
+
+    def actions(self, on_times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(worlds, n), s, to actions."""
+        return 2.0 * np.clip(on_times / self.period, 0.0, 1.0) - 1.0
+
+
+class Blind(_OnDuties):
+    """A mapper with the nominal model."""
+
+    sees = "the command"
+
+    def __init__(self, key: str, title: str, mapper: Mapper) -> None:
+        self.key, self.title, self.mapper = key, title, mapper
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        return self.actions(self.mapper(self.command).on_times)
+
+
+class Oracle(_OnDuties):
+    """The LP mapper with the true, faulty model: the best that anybody can do for each command."""
+
+    key, title, sees = "oracle", "LP that knows the fault (oracle)", "the fault"
+
+    def __init__(self, mapper: LPMapper) -> None:
+        self.mapper = mapper
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        effectiveness, offset = self.env.task.true_model(self.env.worlds.state)
+        return self.actions(self.mapper(self.command - offset, effectiveness=effectiveness).on_times)
+
+
+class Tested(_OnDuties):
+    """The LP mapper with the health that a response test believes in."""
+
+    key, title, sees = "response_test", "LP with a response test", "command, response"
+
+    def __init__(self, mapper: LPMapper, spacecraft: Spacecraft, threshold: float) -> None:
+        self.mapper, self.spacecraft = mapper, spacecraft
+        self.test = ResponseTest(spacecraft, threshold)
+        self.statistics: list[NDArray[np.float64]] = []
+
+    @classmethod
+    def calibrated(cls, mapper: LPMapper, spacecraft: Spacecraft, false_alarm_rate: float) -> Tested:
+        """With the threshold that so many healthy validation episodes exceed; none of the test's own beliefs acts meanwhile."""
+        silent = cls(mapper, spacecraft, np.inf)
+        play(silent, HEALTHY, VALIDATION[-CALIBRATION_EPISODES:], spacecraft)
+        statistics = np.stack(silent.statistics[1:], axis=1)
+        return cls(mapper, spacecraft, threshold_for(false_alarm_rate, statistics))
+
+    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+        self.test.reset(env.num_envs)
+        self.statistics.clear()
+        return super().begin(env, seed)
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        n, authority = self.spacecraft.number_of_thrusters, self.spacecraft.authority()
+        on_times = self.period * observations[:, 6 : 6 + n].astype(np.float64)
+        measured, expected = observations[:, 6 + n : 12 + n], observations[:, 12 + n : 18 + n]
+        health = self.test.update(on_times, authority * (measured.astype(np.float64) - expected))
+        self.statistics.append(self.test.statistic)
+        believed = self.mapper.effectiveness * health[:, np.newaxis, :]
+        return self.actions(self.mapper(self.command, effectiveness=believed).on_times)
+
+
+class Constant(_OnDuties):
+    """The same duty for every thruster, whatever is commanded."""
+
+    sees = "nothing"
+
+    def __init__(self, key: str, title: str, duty: float) -> None:
+        self.key, self.title, self.duty = key, title, duty
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        return np.full((len(observations), self.env.task.action_size), 2.0 * self.duty - 1.0)
+
+
+class Random(_OnDuties):
+    """Uniform random duties."""
+
+    key, title, sees = "random", "random duties", "nothing"
+
+    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+        self.generator = np.random.default_rng(seed)
+        return super().begin(env, seed)
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        return self.generator.uniform(-1.0, 1.0, (len(observations), self.env.task.action_size))
+
+
+class Learned:
+    """A trained policy, acting without exploration.
+
+    Args:
+        model: What has SB3's `predict`.
+        form: What its actions are.
+        title: For people.
+        spacecraft: What the LP mapper under the action form `beliefs` believes to fly; None for what truly flies, without its faults.
+    """
+
+    sees = "observation"
+
+    def __init__(self, model: Any, form: Form, title: str, spacecraft: Spacecraft | None = None) -> None:
+        self.key, self.title = f"ppo_{form}", title
+        self.model, self.form, self.spacecraft = model, form, spacecraft
+
+    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+        return on_form(env, self.form, self.spacecraft or env.unwrapped.task.vehicle)
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        actions, _ = self.model.predict(observations, deterministic=True)
+        return actions
+
+
+def classical_methods(spacecraft: Spacecraft) -> Sequence[Method]:
+    """The rows that nobody trains, best first, the degenerate ones last."""
+    mapper = LPMapper(spacecraft, threads=1)
+    return (
+        Oracle(mapper),
+        Tested.calibrated(mapper, spacecraft, FALSE_ALARM_RATE),
+        Blind("blind", "LP that does not (blind)", mapper),
+        Blind("minimum_norm", "minimum norm and shift", MinimumNormShiftMapper(spacecraft)),
+        Blind("crude", "fire what points that way", CrudeMapper(spacecraft)),
+        Constant("nothing", "do nothing", 0.0),
+        Random(),
+    )

@@ -1,0 +1,110 @@
+"""From episodes to a table: mean score, its bootstrap interval, and the share of the way from doing nothing to the oracle.
+
+Every method flies the same seeds. The interval is a percentile bootstrap over episodes; a method trained with several seeds has its scores averaged over them first,
+and its interval is then over both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_agents.evaluation.play import SCENARIOS, Method, Scenario, play
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["Cell", "Row", "bootstrap_interval", "compare"]
+
+_RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Cell:
+    """How a method did in a scenario.
+
+    Attributes:
+        score: Mean over episodes (and over trained policies).
+        low: Lower end of its 95 % bootstrap interval.
+        high: Upper end.
+        way: Share of the way from doing nothing (0) to the oracle (1).
+    """
+
+    score: float
+    low: float
+    high: float
+    way: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method in every scenario.
+
+    Attributes:
+        key: In files.
+        title: For people.
+        sees: What it was allowed to see.
+        cells: By the scenario's name.
+    """
+
+    key: str
+    title: str
+    sees: str
+    cells: Mapping[str, Cell]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return dataclasses.asdict(self)
+
+
+def compare(
+    methods: Sequence[Sequence[Method]],
+    seeds: range,
+    spacecraft: Spacecraft,
+    scenarios: Sequence[Scenario] = SCENARIOS,
+) -> list[Row]:
+    """Fly them all and fill the table, in the order given.
+
+    Args:
+        methods: For each row, the method, or the policies that were trained with different seeds. Rows with the keys `oracle` and
+            `nothing` must be among them.
+        seeds: Of the worlds, consecutive.
+        spacecraft: What flies.
+        scenarios: Columns.
+    """
+    scores = {
+        (row[0].key, scenario.name): np.stack([play(one, scenario, seeds, spacecraft).scores for one in row])
+        for scenario in scenarios
+        for row in methods
+    }
+    rows = []
+    for row in methods:
+        cells = {}
+        for scenario in scenarios:
+            own = scores[row[0].key, scenario.name]
+            top, bottom = (scores[key, scenario.name].mean() for key in ("oracle", "nothing"))
+            low, high = bootstrap_interval(own)
+            mean = float(own.mean())
+            cells[scenario.name] = Cell(mean, low, high, float((mean - bottom) / (top - bottom)))
+        rows.append(Row(row[0].key, row[0].title, row[0].sees, cells))
+    return rows
+
+
+def bootstrap_interval(scores: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
+    """Percentile bootstrap interval of the mean of (policies, episodes) scores, both resampled; always the same draw.
+
+    >>> bootstrap_interval(np.full((1, 50), 0.5))
+    (0.5, 0.5)
+    """
+    generator = np.random.default_rng(0)
+    policies, episodes = scores.shape
+    means = np.empty(_RESAMPLES)
+    for k in range(_RESAMPLES):
+        drawn = scores[generator.integers(policies, size=policies)].mean(axis=0)
+        means[k] = drawn[generator.integers(episodes, size=episodes)].mean()
+    tail = 50.0 * (1.0 - level)
+    low, high = np.percentile(means, [tail, 100.0 - tail])
+    return float(low), float(high)

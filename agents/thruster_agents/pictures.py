@@ -1,0 +1,96 @@
+"""The two pictures of a run: how the policies learned, and how all methods compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from thruster_agents.evaluation.play import Scenario
+from thruster_agents.evaluation.table import Row
+from thruster_agents.ppo.checkpoint import Point
+
+__all__ = ["draw_comparison", "draw_learning_curve"]
+
+_COLOURS = {"beliefs": "#1f6fb4", "duties": "#d2691e"}
+_LEARNED, _OTHER, _ORACLE = "#1f6fb4", "#9aa5b1", "#3c4650"
+
+
+def draw_learning_curve(
+    path: Path, curves: Mapping[str, Sequence[Sequence[Point]]], lines: Mapping[str, float]
+) -> None:
+    """Validation score over environment steps.
+
+    Args:
+        path: Of the PNG.
+        curves: For each action form, the curves of its seeds.
+        lines: Scores to draw across, by their label.
+    """
+    figure = Figure(figsize=(8.0, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    for form, seeds in curves.items():
+        for k, curve in enumerate(seeds):
+            axes.plot(
+                [point.steps / 1000 for point in curve],
+                [point.score for point in curve],
+                color=_COLOURS[form],
+                linewidth=2.0 if len(seeds) == 1 else 1.0,
+                label=f"PPO on {form}" if k == 0 else None,
+            )
+    for k, (label, score) in enumerate(lines.items()):
+        axes.axhline(
+            score, color=_ORACLE, linewidth=1.0, linestyle=("-", "--", ":", "-.")[k % 4], label=label
+        )
+    axes.set(
+        xlabel="environment steps, thousands",
+        ylabel="mean score, faults drawn by the task",
+        title="Learning, on validation seeds",
+        xlim=(0.0, None),
+    )
+    _clean(axes)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    _save(figure, path)
+
+
+def draw_comparison(path: Path, rows: Sequence[Row], scenarios: Sequence[Scenario]) -> None:
+    """Share of the way to the oracle, a panel for each scenario, with the interval of the score in the same unit."""
+    figure = Figure(figsize=(3.4 * len(scenarios) + 2.2, 0.42 * len(rows) + 1.5), layout="constrained")
+    panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
+    places = range(len(rows))
+    for panel, scenario in zip(panels, scenarios, strict=True):
+        top = next(row for row in rows if row.key == "oracle").cells[scenario.name].score
+        for place, row in zip(places, rows, strict=True):
+            cell = row.cells[scenario.name]
+            colour = _LEARNED if row.key.startswith("ppo") else _ORACLE if row.key == "oracle" else _OTHER
+            panel.barh(place, cell.way, color=colour, height=0.68)
+            below, above = (cell.score - cell.low) / top, (cell.high - cell.score) / top
+            panel.errorbar(
+                cell.way, place, xerr=[[below], [above]], color="black", linewidth=1.0, capsize=2.0
+            )
+            panel.annotate(
+                f"{100.0 * cell.way:.1f}",
+                (max(cell.way + above, 0.0), place),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=9,
+            )
+        panel.set(title=scenario.title, xlim=(0.0, 1.22), xlabel="share of the way to the oracle, %")
+        panel.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100"])
+        _clean(panel, across=True)
+    panels[0].set_yticks(list(places), [row.title for row in rows])
+    panels[0].invert_yaxis()
+    _save(figure, path)
+
+
+def _clean(axes: Axes, across: bool = False) -> None:
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.grid(axis="x" if across else "y", color="#e3e7eb", linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=150)  # a bare Figure draws with Agg: no display, no global state

@@ -1,0 +1,83 @@
+"""The table for the terminal and for a results page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from thruster_agents.evaluation.methods import FALSE_ALARM_RATE
+from thruster_agents.evaluation.play import Scenario
+from thruster_agents.evaluation.table import Cell, Row
+
+__all__ = ["as_markdown", "as_table"]
+
+
+def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int) -> Table:
+    """For the terminal: in each cell the mean score with its interval, and the share of the way."""
+    table = Table(
+        title="ThrusterMapping-v0, held-out seeds", caption=_caption(episodes, 1), caption_justify="left"
+    )
+    table.add_column("method")
+    table.add_column("sees")
+    for scenario in scenarios:
+        table.add_column(f"{scenario.title}\n[dim]score        way[/dim]", justify="right")
+    for row in rows:
+        style = "bold" if row.key.startswith("ppo") else None
+        cells = (row.cells[scenario.name] for scenario in scenarios)
+        table.add_row(
+            row.title,
+            row.sees,
+            *(f"{_score(one)}\n[dim]{_interval(one)}[/dim]" for one in cells),
+            style=style,
+        )
+    return table
+
+
+def as_markdown(
+    path: Path, rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, policies: int, command: str
+) -> None:
+    """Write the results page.
+
+    Args:
+        path: Of the file.
+        rows: Of the table.
+        scenarios: Its columns.
+        episodes: To a cell, for each policy.
+        policies: Trained for each learned row.
+        command: That makes the page.
+    """
+    head = ["method", "sees", *(f"{scenario.title} | way" for scenario in scenarios)]
+    lines = [
+        "# Thruster mapping: learned and classical, on the same episodes",
+        "",
+        f"Written by `{command}`; nothing here is typed by hand.",
+        "",
+        f"| {' | '.join(head)} |",
+        "|---|---|" + "---:|---:|" * len(scenarios),
+    ]
+    for row in rows:
+        cells = [row.cells[scenario.name] for scenario in scenarios]
+        shown = (f"{one.score:.4f} ({_interval(one)}) | {100.0 * one.way:.1f} %" for one in cells)
+        lines.append(f"| {row.title} | {row.sees} | {' | '.join(shown)} |")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*lines, "", _caption(episodes, policies), ""]), encoding="utf-8")
+
+
+def _score(cell: Cell) -> str:
+    return f"{cell.score:.3f}  {100.0 * cell.way:6.1f} %"
+
+
+def _interval(cell: Cell) -> str:
+    return f"{cell.low:.3f} – {cell.high:.3f}"
+
+
+def _caption(episodes: int, policies: int) -> str:
+    trained = (
+        f" Learned rows are over {policies} policies, trained with different seeds." if policies > 1 else ""
+    )
+    return (
+        f"Mean score over {episodes} episodes, its 95 % bootstrap interval, and the share of the way from doing nothing "
+        f"to the oracle.{trained} The response test blames somebody in {100.0 * FALSE_ALARM_RATE:g} % of healthy validation episodes."
+    )

@@ -1,0 +1,109 @@
+"""A response test: after each firing, ask which one thruster's under-delivery explains best what came.
+
+Models one thruster at a time that delivers only a share of its thrust, and independent sensor noise of known size. For each thruster
+that fired, the share it must have lost to explain the difference between measured and expected rate change is a least-squares fit; the
+statistic is by how much that fit lowers the noise-weighted square of the difference. The best thruster is blamed when its statistic exceeds a threshold.
+
+Left out: several thrusters failing at once, thrust without command, evidence gathered over several firings, recovery of a thruster that nobody fires any more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["ResponseTest", "threshold_for"]
+
+
+class ResponseTest:
+    """Believed health of each thruster in a batch of vehicles, revised after every firing.
+
+    Args:
+        spacecraft: Description of the nominal vehicle: its effectiveness, and the noise of its velocity and rate sensors.
+        threshold: Of the statistic, dimensionless; see :func:`threshold_for`.
+        vehicles: How many vehicles are watched.
+
+    Attributes:
+        health: (vehicles, n), believed share 0..1 of its thrust that each thruster delivers.
+        statistic: (vehicles,), of the last firing: the drop in noise-weighted squared difference, 0 without a firing.
+
+    Raises:
+        ValueError: A threshold below 0 or NaN; fewer than one vehicle.
+
+    >>> from thruster_envs.spacecraft import load
+    >>> orion = load("orion")
+    >>> test = ResponseTest(orion, threshold=20.0)
+    >>> fired = np.full((1, 12), 4.0)
+    >>> test.update(fired, -orion.effectiveness()[:, 2] * 4.0).argmin()  # thruster 3 gave nothing
+    np.int64(2)
+    """
+
+    def __init__(self, spacecraft: Spacecraft, threshold: float, vehicles: int = 1) -> None:
+        if not threshold >= 0.0:
+            raise ValueError(f"threshold is {threshold}; a number of 0 or more would be right")
+        if vehicles < 1:
+            raise ValueError(f"vehicles is {vehicles}; one or more would be right")
+        sensors = spacecraft.sensors
+        noise = np.sqrt(2.0) * np.repeat([sensors.velocity, sensors.rate], 3)
+        smallest = 1e-3 * np.where(spacecraft.authority() > 0.0, spacecraft.authority(), 1.0)
+        self._whitened = spacecraft.effectiveness() / np.maximum(noise, smallest)[:, np.newaxis]
+        self._noise = np.maximum(noise, smallest)
+        self._square = np.square(self._whitened).sum(axis=0)
+        self.threshold = float(threshold)
+        self.reset(vehicles)
+
+    def reset(self, vehicles: int) -> None:
+        """Begin anew with that many vehicles, all believed healthy."""
+        self.health: FloatArray = np.ones((vehicles, self._square.size))
+        self.statistic: FloatArray = np.zeros(vehicles)
+
+    def update(self, on_times: ArrayLike, difference: ArrayLike) -> FloatArray:
+        """Revise the belief after one firing.
+
+        Args:
+            on_times: (vehicles, n), s: what each thruster was told.
+            difference: (vehicles, 6): measured minus expected rate change, m/s and rad/s, body axes; expected of the nominal vehicle.
+
+        Returns:
+            (vehicles, n), the believed health. Where the test finds nobody to blame, it is what it was before.
+        """
+        told = np.atleast_2d(np.asarray(on_times, dtype=np.float64))
+        missing = -np.atleast_2d(np.asarray(difference, dtype=np.float64)) / self._noise
+        along = missing @ self._whitened
+        effect = self._square * told
+        lost = np.clip(along / np.where(effect > 0.0, effect, np.inf), 0.0, 1.0)
+        drop = lost * told * (2.0 * along - lost * effect)
+        blamed, everyone = drop.argmax(axis=1), np.arange(drop.shape[0])
+        self.statistic = drop[everyone, blamed]
+        found = self.statistic > self.threshold
+        self.health[found] = 1.0
+        self.health[everyone[found], blamed[found]] = 1.0 - lost[everyone[found], blamed[found]]
+        return self.health
+
+
+def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> float:
+    """Threshold that a stated share of healthy episodes exceeds at least once.
+
+    Args:
+        false_alarm_rate: Share of episodes, above 0 and below 1.
+        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a healthy vehicle.
+
+    Raises:
+        ValueError: A rate outside of (0, 1), or too few episodes to tell such a rate.
+
+    >>> threshold_for(0.25, [[0.0, 1.0], [2.0, 0.0], [3.0, 1.0], [4.0, 2.0]])
+    3.25
+    """
+    if not 0.0 < false_alarm_rate < 1.0:
+        raise ValueError(
+            f"false_alarm_rate is {false_alarm_rate}; a number above 0 and below 1 would be right"
+        )
+    largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
+    if largest.size * false_alarm_rate < 1.0:
+        raise ValueError(
+            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; {int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
+        )
+    return float(np.quantile(largest, 1.0 - false_alarm_rate))
