@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
@@ -71,6 +71,8 @@ class RendezvousPlanner:
         tolerance: (6,), half-width of the box about the target in which all end states are equally good.
         miss_cost: What 1 m (or 0.01 m/s) outside that box costs, s of firing. Large, so that reaching it
             comes first.
+        max_total_on_time: Longest sum of all on-times in one period, s. A limit spreads a plan over more
+            periods with fewer thrusters at a time, which lose less to each other.
         delta_v_cost: What 1 m/s of translational rate change costs besides its firing time, s. Zero plans
             for least propellant; a large value for least delta-v, as the source does.
 
@@ -87,7 +89,10 @@ class RendezvousPlanner:
         target: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         tolerance: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         miss_cost: float = 1e4,
+        max_total_on_time: float = np.inf,
         delta_v_cost: float = 0.0,
+        detailed_steps: int | None = None,
+        group: int = 5,
     ) -> None:
         self.period = spacecraft.control_period
         self.mean_motion = spacecraft.mean_motion
@@ -103,7 +108,18 @@ class RendezvousPlanner:
         for name, value in (("miss_cost", miss_cost), ("delta_v_cost", delta_v_cost)):
             if not 0.0 <= value < np.inf:
                 raise ValueError(f"{name} is {value}; a finite number of s, zero or more, would be right")
+        if not max_total_on_time > 0.0:
+            raise ValueError(
+                f"max_total_on_time is {max_total_on_time}; a positive number of s would be right"
+            )
+        if (detailed_steps is not None and detailed_steps < 1) or group < 1:
+            raise ValueError(
+                f"detailed_steps is {detailed_steps} and group {group}; one or more (or None) would be right"
+            )
+        self.detailed_steps = detailed_steps
+        self.group = group
         self.miss_cost = miss_cost
+        self.max_total_on_time = max_total_on_time
         self.delta_v_cost = delta_v_cost
         self._transition = transition_matrix(self.mean_motion, self.period)
         self._response = force_response(self.mean_motion, self.period) / self.period
@@ -143,44 +159,49 @@ class RendezvousPlanner:
     def _optimum(self, start: FloatArray, steps: int, model: Model) -> FloatArray:
         """On-times (steps, n) of the linear program.
 
-        Variables: on-times by period; the shortfall of each end-state component, above and below; what of the
-        tolerance is used; and, if delta-v has a price, its positive and negative parts by period.
+        Variables: on-times by group of periods; the shortfall of each end-state component, above and below;
+        what of the tolerance is used; and, if delta-v has a price, its positive and negative parts by
+        group.
         """
         n = model.max_on_time.size
+        sizes = self._groups(steps)
+        count = len(sizes)
         row_scale = np.repeat([1.0, 1.0 / _VELOCITY_UNIT], 3)
         reach = np.empty((steps, 6, 3))  # end state per m/s in period k
         to_end = np.eye(6)
         for k in range(steps - 1, -1, -1):
             reach[k] = to_end @ self._response
             to_end = to_end @ self._transition
+        reach = np.add.reduceat(reach, np.cumsum(sizes) - sizes, axis=0)
         end_per_on_time = (row_scale[:, np.newaxis] * (reach @ model.effectiveness[:3])).transpose(1, 0, 2)
-        end_rows = [
-            scipy.sparse.csr_array(end_per_on_time.reshape(6, steps * n)),
-            scipy.sparse.eye_array(6),
-            -scipy.sparse.eye_array(6),
-            scipy.sparse.eye_array(6),
-        ]
-        periods = scipy.sparse.eye_array(steps)
-        rotation = model.effectiveness[3:] / np.maximum(np.abs(model.effectiveness[3:]).max(), 1e-300)
-        rotation_rows = [scipy.sparse.kron(periods, scipy.sparse.csr_array(rotation)), None, None, None]
-        rows = [end_rows, rotation_rows]
-        cost = [np.ones(steps * n), np.full(12, self.miss_cost), np.zeros(6)]
-        lower = [np.zeros(steps * n), np.zeros(12), -self.tolerance * row_scale]
-        upper = [np.tile(model.max_on_time, steps), np.full(12, np.inf), self.tolerance * row_scale]
-        right = [row_scale * (self.target - to_end @ start), np.zeros(3 * steps)]
+
+        groups = scipy.sparse.eye_array(count)
+        shortfall = scipy.sparse.eye_array(6)
+        unit = 1.0 / np.maximum(np.abs(model.effectiveness).max(axis=1), 1e-300)  # entries of order one
+        scaled = scipy.sparse.csr_array(model.effectiveness * unit[:, np.newaxis])
+        ends = [scipy.sparse.csr_array(end_per_on_time.reshape(6, -1)), shortfall, -shortfall, shortfall]
+        rows = [ends, [scipy.sparse.kron(groups, scaled[3:]), None, None, None]]
+        right = [row_scale * (self.target - to_end @ start), np.zeros(3 * count)]
+        cost = [np.repeat(sizes, n), np.full(12, self.miss_cost), np.zeros(6)]
+        lower = [np.zeros(count * n), np.zeros(12), -self.tolerance * row_scale]
+        upper = [np.tile(model.max_on_time, count), np.full(12, np.inf), self.tolerance * row_scale]
         if self.delta_v_cost > 0.0:
-            unit = 1.0 / np.maximum(np.abs(model.effectiveness[:3]).max(), 1e-300)
-            parts = scipy.sparse.eye_array(3 * steps)
-            for row in rows:
-                row += [None, None]
-            translation = scipy.sparse.csr_array(model.effectiveness[:3] * unit)
-            rows.append([scipy.sparse.kron(periods, translation), None, None, None, -parts, parts])
-            cost.append(np.full(6 * steps, self.delta_v_cost / unit))
-            lower.append(np.zeros(6 * steps))
-            upper.append(np.full(6 * steps, np.inf))
-            right.append(np.zeros(3 * steps))
+            parts = scipy.sparse.eye_array(3 * count)
+            rows = [[*row, None, None] for row in rows]
+            rows.append([scipy.sparse.kron(groups, scaled[:3]), None, None, None, -parts, parts])
+            right.append(np.zeros(3 * count))
+            cost.append(self.delta_v_cost * np.tile(np.outer(sizes, 1.0 / unit[:3]).ravel(), 2))
+            lower.append(np.zeros(6 * count))
+            upper.append(np.full(6 * count, np.inf))
+        costs = np.concatenate(cost)
+        totals = None
+        if self.max_total_on_time < np.inf:
+            others = scipy.sparse.csr_array((count, costs.size - count * n))
+            totals = scipy.sparse.hstack([scipy.sparse.kron(groups, np.ones((1, n))), others], format="csr")
         answer = linprog(
-            np.concatenate(cost),
+            costs,
+            A_ub=totals,
+            b_ub=None if totals is None else np.full(count, self.max_total_on_time),
             A_eq=scipy.sparse.block_array(rows, format="csr"),
             b_eq=np.concatenate(right),
             bounds=np.column_stack([np.concatenate(lower), np.concatenate(upper)]),
@@ -190,8 +211,16 @@ class RendezvousPlanner:
             raise RuntimeError(
                 f"HiGHS found no rendezvous plan from {start.tolist()} in {steps} steps: {answer.message}"
             )
-        on_times: FloatArray = np.clip(answer.x[: steps * n].reshape(steps, n), 0.0, model.max_on_time)
-        return on_times
+        on_times: FloatArray = np.clip(answer.x[: count * n].reshape(count, n), 0.0, model.max_on_time)
+        return np.repeat(on_times, sizes, axis=0)
+
+    def _groups(self, steps: int) -> NDArray[np.int64]:
+        """How many periods each set of on-times serves: one each at first, `group` later."""
+        if self.detailed_steps is None or steps <= self.detailed_steps:
+            return np.ones(steps, np.int64)
+        whole, rest = divmod(steps - self.detailed_steps, self.group)
+        sizes = [1] * self.detailed_steps + [self.group] * whole + [rest] * (rest > 0)
+        return np.array(sizes, np.int64)
 
 
 def _state(given: ArrayLike, name: str) -> FloatArray:

@@ -1,0 +1,15 @@
+"""Control: closed loops from measurements to thruster duties."""
+
+from thruster_baselines.control.coupling import commanded_on_times, delivered_on_times
+from thruster_baselines.control.navigation import RelativeNavigation
+from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
+from thruster_baselines.control.rendezvous_policy import RendezvousPolicy
+
+__all__ = [
+    "RelativeNavigation",
+    "RendezvousController",
+    "RendezvousPolicy",
+    "RendezvousSettings",
+    "commanded_on_times",
+    "delivered_on_times",
+]
