@@ -78,7 +78,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
     ## Starting State
 
     The first slot is at a random phase of the relative orbit. Each craft starts at its slot, dispersed
-    uniformly by 2 m, 5 mm/s, 5 degrees and 1 mrad/s on each axis. No faults unless `faults` says so.
+    uniformly by 1.5 m, 5 mm/s, 5 degrees and 1 mrad/s on each axis. No faults unless `faults` says so.
 
     ## Episode End
 

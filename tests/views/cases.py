@@ -1,0 +1,58 @@
+"""What the tests of the views share: every registered id, faults of every kind, and infos by path."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import thruster_envs  # noqa: F401  # registers the environments
+from thruster_envs.faults import FaultDistribution
+from thruster_envs.registration import ENVIRONMENTS
+
+IDS = tuple(ENVIRONMENTS)
+
+#: Several faults of any kind and profile, beginning and ending within the first two minutes.
+FAULTS = FaultDistribution(
+    probability=0.9,
+    count=(1, 3),
+    onset=(0.0, 60.0),
+    duration=(10.0, 100.0),
+    profiles=("step", "ramp", "sine", "intermittent"),
+)
+
+
+def entries(info: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every entry of an info, nested ones with the path as their name."""
+    for key, value in info.items():
+        if isinstance(value, dict):
+            yield from entries(value, f"{path}{key}.")
+        else:
+            yield f"{path}{key}", value
+
+
+def world_of(info: dict[str, Any], world: int) -> dict[str, Any]:
+    """What a vector environment's info says of one world, by path, masks and final entries left out."""
+    kept = {key: value for key, value in info.items() if not key.startswith("final")}
+    return {
+        path: np.asarray(value[world])
+        for path, value in entries(kept)
+        if not any(part.startswith("_") for part in path.split("."))
+    }
+
+
+def equal(first: dict[str, Any], second: dict[str, Any]) -> bool:
+    """Whether two infos by path are the same, to the last bit."""
+    return first.keys() == second.keys() and all(np.array_equal(first[key], second[key]) for key in first)
+
+
+def actions_of(world: int, steps: int, thrusters: int = 12) -> np.ndarray:
+    """(steps, n) actions of one world: bursts of firing between pauses, so that some episodes last."""
+    generator = np.random.default_rng(1000 + world)
+    actions = generator.uniform(-1.0, 1.0, (steps, thrusters)).astype(np.float32)
+    actions[generator.random((steps, thrusters)) < 0.5 + 0.5 * (world % 2)] = -1.0
+    return actions
+
+
+def single(identifier: str, **kwargs: Any) -> gym.Env[Any, Any]:
+    return gym.make(identifier, **kwargs)

@@ -1,0 +1,69 @@
+"""The page of an environment says what the environment is."""
+
+import dataclasses
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.views.cases import IDS
+from thruster_envs.views import FormationParallelEnv
+
+ROW = re.compile(r"^\s*\| (\d+)(?:-(\d+))? \| (.+?) \| (-?[\d.]+) \| (-?[\d.]+) \| (.+?) \|$", re.MULTILINE)
+SECTIONS = (
+    "Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End",
+    "Information", "Arguments", "Version History",
+)  # fmt: skip
+
+
+def sections(page):
+    parts = re.split(r"^\s*## (.+)$", page, flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def check_page(page, task, observation_space, action_space):
+    parts = sections(page)
+    assert tuple(parts) == SECTIONS
+    rows = [
+        (int(first), int(last or first), meaning, float(low), float(high), unit)
+        for first, last, meaning, low, high, unit in ROW.findall(parts["Observation Space"])
+    ]
+    start = 0
+    for row, feature in zip(rows, task.features, strict=True):
+        expected = (start, start + feature.size - 1, feature.name, feature.low, feature.bound, feature.scale)
+        assert row == expected
+        start += feature.size
+    for first, last, _, low, high, _ in rows:
+        assert (observation_space.low[first : last + 1] == np.float32(low)).all()
+        assert (observation_space.high[first : last + 1] == np.float32(high)).all()
+    assert observation_space.shape == (start,)
+    (action,) = ROW.findall(parts["Action Space"])
+    assert (int(action[0]), int(action[1])) == (0, action_space.shape[0] - 1)
+    for term in task.reward_terms:
+        assert f"- `{term}`:" in parts["Rewards"]
+
+
+@pytest.mark.parametrize("identifier", IDS)
+def test_the_tables_of_a_page_are_those_of_the_spaces(identifier):
+    env = gym.make(identifier, observe_fault=True).unwrapped
+    check_page(type(env).__doc__, env.task, env.observation_space, env.action_space)
+    without = gym.make(identifier).unwrapped
+    assert f"`Box(..., {without.observation_space.shape}, float32)`" in type(env).__doc__
+
+
+@pytest.mark.parametrize("identifier", IDS)
+def test_a_page_names_every_entry_of_info_and_every_argument(identifier):
+    env = gym.make(identifier).unwrapped
+    parts = sections(type(env).__doc__)
+    _, info = env.reset(seed=0)
+    for key in info:
+        assert f"- `{key}`:" in parts["Information"]
+    for field in dataclasses.fields(env.task):
+        if field.init and field.name not in env.fixed:
+            assert f"`{field.name}`" in parts["Arguments"]
+
+
+def test_the_page_of_the_parallel_environment_is_right_too():
+    env = FormationParallelEnv(observe_fault=True)
+    check_page(type(env).__doc__, env.task, env.observation_space("craft_1"), env.action_space("craft_1"))
