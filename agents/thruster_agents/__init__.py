@@ -11,7 +11,7 @@ __all__ = ["load"]
 
 
 def load(task_id: str, method: str = "beliefs", **where: Any) -> Any:
-    """A policy that `train.py` has trained; see :func:`thruster_agents.runs.load`."""
-    from thruster_agents.runs.loading import load as load_from_run
+    """A policy that `train.py` has trained; see :func:`thruster_agents.run_folders.load`."""
+    from thruster_agents.run_folders.loading import load as load_from_run
 
     return load_from_run(task_id, method, **where)
