@@ -1,7 +1,8 @@
 """Train PPO on the thruster-mapping task and compare it with everything that it has to beat, in one table.
 
-An agent answers commanded rate changes of a spacecraft whose thrusters may have failed. On `beliefs` it says how healthy it believes each thruster
-to be, and a linear program allocates with that; on `duties` it fires the thrusters itself. Leaves runs/<time>-<name>/.
+An agent answers commanded rate changes of a spacecraft whose thrusters may have failed. On `beliefs` it
+says how healthy it believes each thruster to be, and a linear program allocates with that; on `duties` it
+fires the thrusters itself. Leaves runs/<time>-<name>/.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Configuration:
     seed: int = 0
     """Of networks and training worlds."""
     seeds: int = 1
-    """How many policies of each form to train, with seeds from `seed` on; the table is then over all of them."""
+    """How many policies of each form to train, with seeds from `seed` on; the table is over all of them."""
     belief_steps: int = 800_000
     """Environment steps of PPO on beliefs; 0 leaves the row out."""
     duty_steps: int = 400_000
@@ -166,7 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
 def learn_and_compare(
     configuration: Configuration, spacecraft: Spacecraft, run: RunFolder, console: Console
 ) -> list[Row]:
-    """Train what is to be trained, fly every method on the test seeds, and leave table, metrics and pictures."""
+    """Train, fly every method on the test seeds, and leave table, metrics and pictures."""
     torch.set_num_threads(configuration.threads)
     forms = [form for form in FORMS if configuration.settings(form, 0, spacecraft).steps > 0]
     seeds = range(configuration.seed, configuration.seed + configuration.seeds)
@@ -214,7 +215,7 @@ def learn_and_compare(
     curves = {form: [one.curve for one in several] for form, several in trained.items()}
     draw_learning_curve(run.file("learning_curve.png"), curves, lines)
     draw_comparison(run.file("comparison.png"), rows, SCENARIOS)
-    console.print(as_table(rows, SCENARIOS, configuration.test_worlds))
+    console.print(as_table(rows, SCENARIOS, configuration.test_worlds, configuration.seeds))
     spent = ", ".join(f"{seconds[form]:.0f} s on {form}" for form in forms)
     console.print(f"trained {spent}; pictures, metrics and models in {run.path}", highlight=False)
     if configuration.results is not None:
@@ -245,7 +246,7 @@ def begin(chosen: Configuration) -> tuple[Configuration, RunFolder]:
         if one.name != "resume" and given != default and given != getattr(stored, one.name):
             option = f"--{one.name.replace('_', '-')}"
             raise ValueError(
-                f"{option} is {given} with --resume; the run goes on as it was begun, without {option}, would be right"
+                f"{option} is {given} with --resume; a run goes on as it was begun: leave {option} out"
             )
     then, now = run.read("versions.json"), versions()
     changed = [name for name in now if now[name] != then.get(name)]

@@ -1,4 +1,4 @@
-"""Learned methods for spacecraft whose thrusters fail: policies, their training, and the comparison with classical methods.
+"""Learned methods for spacecraft whose thrusters fail: policies, training, comparison with classical ones.
 
 Importing this package loads neither torch nor Stable-Baselines3; `load` does when it is called.
 """

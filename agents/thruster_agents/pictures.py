@@ -55,7 +55,7 @@ def draw_learning_curve(
 
 
 def draw_comparison(path: Path, rows: Sequence[Row], scenarios: Sequence[Scenario]) -> None:
-    """Share of the way to the oracle, a panel for each scenario, with the interval of the score in the same unit."""
+    """Share of the way to the oracle, a panel for each scenario, with the interval of the score."""
     figure = Figure(figsize=(3.4 * len(scenarios) + 2.2, 0.42 * len(rows) + 1.5), layout="constrained")
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     places = range(len(rows))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from thruster_agents.evaluation.methods import FALSE_ALARM_RATE
@@ -14,24 +15,23 @@ from thruster_agents.evaluation.table import Cell, Row
 __all__ = ["as_markdown", "as_table"]
 
 
-def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int) -> Table:
-    """For the terminal: in each cell the mean score with its interval, and the share of the way."""
+def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, policies: int = 1) -> Table:
+    """For the terminal: in each cell the mean score, the share of the way, and below them the interval."""
     table = Table(
-        title="ThrusterMapping-v0, held-out seeds", caption=_caption(episodes, 1), caption_justify="left"
+        title="ThrusterMapping-v0 on held-out seeds: score, share of the way to the oracle",
+        caption=_caption(episodes, policies),
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
     )
-    table.add_column("method")
-    table.add_column("sees")
+    table.add_column("method", no_wrap=True)
+    table.add_column("sees", no_wrap=True)
     for scenario in scenarios:
-        table.add_column(f"{scenario.title}\n[dim]score        way[/dim]", justify="right")
+        table.add_column(scenario.title, justify="right", no_wrap=True)
     for row in rows:
-        style = "bold" if row.key.startswith("ppo") else None
         cells = (row.cells[scenario.name] for scenario in scenarios)
-        table.add_row(
-            row.title,
-            row.sees,
-            *(f"{_score(one)}\n[dim]{_interval(one)}[/dim]" for one in cells),
-            style=style,
-        )
+        shown = (f"{one.score:.3f} {100.0 * one.way:5.1f} %\n[dim]{_interval(one)}[/dim]" for one in cells)
+        table.add_row(row.title, row.sees, *shown, style="bold" if row.key.startswith("ppo") else None)
     return table
 
 
@@ -65,12 +65,8 @@ def as_markdown(
     path.write_text("\n".join([*lines, "", _caption(episodes, policies), ""]), encoding="utf-8")
 
 
-def _score(cell: Cell) -> str:
-    return f"{cell.score:.3f}  {100.0 * cell.way:6.1f} %"
-
-
 def _interval(cell: Cell) -> str:
-    return f"{cell.low:.3f} – {cell.high:.3f}"
+    return f"{cell.low:.3f}–{cell.high:.3f}"
 
 
 def _caption(episodes: int, policies: int) -> str:
@@ -78,6 +74,7 @@ def _caption(episodes: int, policies: int) -> str:
         f" Learned rows are over {policies} policies, trained with different seeds." if policies > 1 else ""
     )
     return (
-        f"Mean score over {episodes} episodes, its 95 % bootstrap interval, and the share of the way from doing nothing "
-        f"to the oracle.{trained} The response test blames somebody in {100.0 * FALSE_ALARM_RATE:g} % of healthy validation episodes."
+        f"Mean score over {episodes} episodes, share of the way from doing nothing to the oracle, and the "
+        f"95 % bootstrap interval of the score.{trained} The response test's threshold is the one that "
+        f"{100.0 * FALSE_ALARM_RATE:g} % of healthy validation episodes exceed."
     )

@@ -1,12 +1,12 @@
 """Which seeds are for what: three disjoint sets, stated once.
 
-Training draws its worlds from `TRAIN`. Thresholds are calibrated, curves drawn and settings chosen on `VALIDATION`. The table is made on
-`TEST`, which nothing else touches.
+Training draws its worlds from `TRAIN`. Thresholds are calibrated, curves drawn and settings chosen on
+`VALIDATION`. The table is made on `TEST`, which nothing else touches.
 """
 
 from __future__ import annotations
 
-TRAIN = range(0, 1_000_000)
+TRAIN = range(1_000_000)
 VALIDATION = range(2_000_000, 3_000_000)
 TEST = range(3_000_000, 4_000_000)
 

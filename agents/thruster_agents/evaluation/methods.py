@@ -1,7 +1,13 @@
-"""The rows of the table. Each method says what it is allowed to see.
+"""The rows of the table. Each method says what it sees.
 
-All but the oracle see the observation of the task and nothing else; classical methods take the command from the batch in full precision, where the observation has it
-rounded to single precision.
+- `fault`: the true vehicle. The ceiling.
+- `response`: the observation of the task: the command, the last duties, and what rate change was measured
+and expected.
+- `command`: of the observation, the command alone.
+- `nothing`.
+
+Classical methods take the command from the batch in full precision, where the observation has it rounded to
+single precision.
 """
 
 from __future__ import annotations
@@ -12,6 +18,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from thruster_agents.environments import Form, on_form
 from thruster_agents.evaluation.play import HEALTHY, Method, play
@@ -38,12 +45,13 @@ FALSE_ALARM_RATE = 0.01
 CALIBRATION_EPISODES = 2000
 
 
-class _OnDuties:
+class _OnDuties(Method):
     """What the methods share that command duties."""
 
     env: Any
 
-    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+    @override
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         self.env = env.unwrapped
         return env
 
@@ -65,11 +73,12 @@ class _OnDuties:
 class Blind(_OnDuties):
     """A mapper with the nominal model."""
 
-    sees = "the command"
+    sees = "command"
 
     def __init__(self, key: str, title: str, mapper: Mapper) -> None:
         self.key, self.title, self.mapper = key, title, mapper
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         return self.actions(self.mapper(self.command).on_times)
 
@@ -77,11 +86,12 @@ class Blind(_OnDuties):
 class Oracle(_OnDuties):
     """The LP mapper with the true, faulty model: the best that anybody can do for each command."""
 
-    key, title, sees = "oracle", "LP that knows the fault (oracle)", "the fault"
+    key, title, sees = "oracle", "LP, fault known (oracle)", "fault"
 
     def __init__(self, mapper: LPMapper) -> None:
         self.mapper = mapper
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         effectiveness, offset = self.env.task.true_model(self.env.worlds.state)
         return self.actions(self.mapper(self.command - offset, effectiveness=effectiveness).on_times)
@@ -90,7 +100,7 @@ class Oracle(_OnDuties):
 class Tested(_OnDuties):
     """The LP mapper with the health that a response test believes in."""
 
-    key, title, sees = "response_test", "LP with a response test", "command, response"
+    key, title, sees = "response_test", "LP, response test", "response"
 
     def __init__(self, mapper: LPMapper, spacecraft: Spacecraft, threshold: float) -> None:
         self.mapper, self.spacecraft = mapper, spacecraft
@@ -99,17 +109,19 @@ class Tested(_OnDuties):
 
     @classmethod
     def calibrated(cls, mapper: LPMapper, spacecraft: Spacecraft, false_alarm_rate: float) -> Tested:
-        """With the threshold that so many healthy validation episodes exceed; none of the test's own beliefs acts meanwhile."""
+        """With the threshold that this share of healthy validation episodes exceeds."""
         silent = cls(mapper, spacecraft, np.inf)
         play(silent, HEALTHY, VALIDATION[-CALIBRATION_EPISODES:], spacecraft)
         statistics = np.stack(silent.statistics[1:], axis=1)
         return cls(mapper, spacecraft, threshold_for(false_alarm_rate, statistics))
 
-    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+    @override
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         self.test.reset(env.num_envs)
         self.statistics.clear()
-        return super().begin(env, seed)
+        return super().begin(env)
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         n, authority = self.spacecraft.number_of_thrusters, self.spacecraft.authority()
         on_times = self.period * observations[:, 6 : 6 + n].astype(np.float64)
@@ -128,6 +140,7 @@ class Constant(_OnDuties):
     def __init__(self, key: str, title: str, duty: float) -> None:
         self.key, self.title, self.duty = key, title, duty
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         return np.full((len(observations), self.env.task.action_size), 2.0 * self.duty - 1.0)
 
@@ -137,33 +150,38 @@ class Random(_OnDuties):
 
     key, title, sees = "random", "random duties", "nothing"
 
-    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
-        self.generator = np.random.default_rng(seed)
-        return super().begin(env, seed)
+    @override
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        self.generator = np.random.default_rng(0)
+        return super().begin(env)
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         return self.generator.uniform(-1.0, 1.0, (len(observations), self.env.task.action_size))
 
 
-class Learned:
+class Learned(Method):
     """A trained policy, acting without exploration.
 
     Args:
         model: What has SB3's `predict`.
         form: What its actions are.
         title: For people.
-        spacecraft: What the LP mapper under the action form `beliefs` believes to fly; None for what truly flies, without its faults.
+        spacecraft: What the LP mapper under the action form `beliefs` believes to fly; None for what truly
+            flies, without its faults.
     """
 
-    sees = "observation"
+    sees = "response"
 
     def __init__(self, model: Any, form: Form, title: str, spacecraft: Spacecraft | None = None) -> None:
         self.key, self.title = f"ppo_{form}", title
         self.model, self.form, self.spacecraft = model, form, spacecraft
 
-    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
+    @override
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         return on_form(env, self.form, self.spacecraft or env.unwrapped.task.vehicle)
 
+    @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         actions, _ = self.model.predict(observations, deterministic=True)
         return actions
@@ -175,9 +193,9 @@ def classical_methods(spacecraft: Spacecraft) -> Sequence[Method]:
     return (
         Oracle(mapper),
         Tested.calibrated(mapper, spacecraft, FALSE_ALARM_RATE),
-        Blind("blind", "LP that does not (blind)", mapper),
+        Blind("blind", "LP, fault unknown (blind)", mapper),
         Blind("minimum_norm", "minimum norm and shift", MinimumNormShiftMapper(spacecraft)),
-        Blind("crude", "fire what points that way", CrudeMapper(spacecraft)),
+        Blind("crude", "fire what points there", CrudeMapper(spacecraft)),
         Constant("nothing", "do nothing", 0.0),
         Random(),
     )

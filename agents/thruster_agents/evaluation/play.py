@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -21,8 +22,8 @@ class Scenario:
 
     Attributes:
         name: Key in files.
-        title: For people.
-        faults: As the task takes them.
+        title: For people, short.
+        faults: As the task takes them: an empty list for none, None for its default distribution.
     """
 
     name: str
@@ -31,25 +32,31 @@ class Scenario:
 
 
 HEALTHY = Scenario("healthy", "healthy", [])
-FAULTS = Scenario("faults", "faults drawn by the task", None)
-DEAD = Scenario("dead", "one thruster dead", {"probability": 1.0, "kinds": ["stuck_off"]})
+FAULTS = Scenario("faults", "faults drawn", None)
+DEAD = Scenario("dead", "one dead", {"probability": 1.0, "kinds": ["stuck_off"]})
 SCENARIOS = (HEALTHY, FAULTS, DEAD)
 
 
-class Method(Protocol):
-    """Something that commands thrusters in a batch of worlds."""
+class Method(ABC):
+    """Something that commands thrusters in a batch of worlds.
+
+    Attributes:
+        key: In files.
+        title: For people.
+        sees: What it is allowed to see, in a word.
+    """
 
     key: str
     title: str
     sees: str
 
-    def begin(self, env: VectorEnv[Any, Any, Any], seed: int) -> VectorEnv[Any, Any, Any]:
-        """Get ready for new episodes in these worlds; returns the environment to act in, wrapped if need be."""
-        ...
+    @abstractmethod
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        """Get ready for new episodes in these worlds; returns the environment to act in."""
 
+    @abstractmethod
     def act(self, observations: NDArray[np.float32]) -> NDArray[Any]:
         """Actions (worlds, n) in [-1, 1]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,7 @@ def play(method: Method, scenario: Scenario, seeds: range, spacecraft: Spacecraf
         spacecraft: What flies.
     """
     plain = make_plain(spacecraft, len(seeds), faults=scenario.faults, autoreset_mode=AutoresetMode.DISABLED)
-    env = method.begin(plain, seeds.start)
+    env = method.begin(plain)
     observations, _ = env.reset(seed=seeds.start)
     rewards, over = [], np.zeros(len(seeds), np.bool_)
     while not over.all():

@@ -1,7 +1,7 @@
-"""From episodes to a table: mean score, its bootstrap interval, and the share of the way from doing nothing to the oracle.
+"""From episodes to a table: mean score, bootstrap interval, share of the way to the oracle.
 
-Every method flies the same seeds. The interval is a percentile bootstrap over episodes; a method trained with several seeds has its scores averaged over them first,
-and its interval is then over both.
+Every method flies the same seeds. The interval is a percentile bootstrap over episodes; a method trained
+with several seeds has its scores averaged over them first, and its interval is then over both.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def compare(
     """Fly them all and fill the table, in the order given.
 
     Args:
-        methods: For each row, the method, or the policies that were trained with different seeds. Rows with the keys `oracle` and
-            `nothing` must be among them.
+        methods: For each row, the method, or the policies that were trained with different seeds. Rows with
+            the keys `oracle` and `nothing` must be among them.
         seeds: Of the worlds, consecutive.
         spacecraft: What flies.
         scenarios: Columns.
@@ -94,7 +94,7 @@ def compare(
 
 
 def bootstrap_interval(scores: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
-    """Percentile bootstrap interval of the mean of (policies, episodes) scores, both resampled; always the same draw.
+    """Percentile bootstrap interval of the mean of (policies, episodes) scores; both are resampled.
 
     >>> bootstrap_interval(np.full((1, 50), 0.5))
     (0.5, 0.5)

@@ -1,11 +1,13 @@
-"""A policy that diagnoses: one small network, the same for every thruster, says how healthy it believes that thruster to be.
+"""A policy that diagnoses: one small network, the same for every thruster, says how healthy that thruster is.
 
-It reads, for each thruster, the last belief, the last duty, and how much on-time is missing: the expected minus the measured rate change, projected
-on that thruster. Weights are shared between thrusters, so that what is learned from the failure of one holds for all. The network gives a change of
-the last belief and the size of its own exploration noise; it starts near "no change" of a belief that every thruster is healthy, which is where the LP mapper stands
-that knows of no fault. The value network sees the whole observation.
+It reads, for each thruster, the last belief, the last duty, and how much on-time is missing: the expected
+minus the measured rate change, projected on that thruster. Weights are shared between thrusters, so that
+what is learned from the failure of one holds for all. The network gives a change of the last belief and the
+size of its own exploration noise; it starts near "no change" of a belief that every thruster is healthy,
+which is where the LP mapper stands that knows of no fault. The value network sees the whole observation.
 
-Left out: memory other than the belief itself, and any knowledge of geometry beyond what the observation projects.
+Left out: memory other than the belief itself, and any knowledge of geometry beyond what the observation
+projects.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ class DiagnosisPolicy(ActorCriticPolicy):
     Args:
         hidden: Units in each of the two layers of the network that thrusters share.
         value_hidden: Units in each of the two layers of the value network.
-        log_std_init: Logarithm of the exploration noise at the start, in units of the action (2 is the whole range of health).
+        log_std_init: Logarithm of the exploration noise at the start, in units of the action (2 is the
+            whole range of health).
         *args, **kwargs: As for `ActorCriticPolicy`.
 
     Raises:
@@ -44,7 +47,8 @@ class DiagnosisPolicy(ActorCriticPolicy):
     def _build_mlp_extractor(self) -> None:
         if not isinstance(self.action_space, spaces.Box):
             raise ValueError(f"the action space is {self.action_space}; a Box would be right")
-        self.mlp_extractor = _Networks(  # type: ignore[assignment]  # SB3 asks for its methods, declares its class
+        # SB3 declares a class of its own here, and asks for nothing but these methods.
+        self.mlp_extractor = _Networks(
             self.features_dim, self.action_space.shape[0], self.hidden, self.value_hidden, self.log_std_init
         )
 
@@ -66,7 +70,7 @@ class DiagnosisPolicy(ActorCriticPolicy):
 
 
 class _Networks(nn.Module):
-    """What SB3 calls the extractor: here the whole of the actor, and the value network up to its last layer."""
+    """What SB3 calls the extractor: the whole actor, and the value network up to its last layer."""
 
     def __init__(
         self, observation_size: int, thrusters: int, hidden: int, value_hidden: int, log_std: float
@@ -74,8 +78,8 @@ class _Networks(nn.Module):
         super().__init__()
         if observation_size != 18 + 4 * thrusters:
             raise ValueError(
-                f"the observation has {observation_size} numbers; {18 + 4 * thrusters}, those of ThrusterMapping-v0 with "
-                f"{thrusters} thrusters under BeliefAction, would be right"
+                f"the observation has {observation_size} numbers; {18 + 4 * thrusters}, those of "
+                f"ThrusterMapping-v0 with {thrusters} thrusters under BeliefAction, would be right"
             )
         self.thrusters, self.log_std = thrusters, log_std
         self.latent_dim_pi, self.latent_dim_vf = 2 * thrusters, value_hidden
@@ -114,7 +118,7 @@ class _Networks(nn.Module):
         return self.critic(torch.cat([observations, 3.0 * self._missing(observations)], dim=1))
 
     def _missing(self, observations: torch.Tensor) -> torch.Tensor:
-        """(batch, n), expected minus measured rate change, projected on each thruster, in periods of on-time."""
+        """(batch, n), expected minus measured rate change, projected on each thruster, in periods."""
         n = self.thrusters
         return observations[:, 18 + 2 * n : 18 + 3 * n] - observations[:, 18 + n : 18 + 2 * n]
 

@@ -1,7 +1,8 @@
 """Everything that the rest of a training run depends on, in one file, written whole or not at all.
 
-Taken between two rollouts: parameters and optimiser, the counters of PPO, the random generators of torch, NumPy and Python, the worlds with the
-policy's last belief in each, the last observation, and the curve so far.
+Taken between two rollouts: parameters and optimiser, the counters of PPO, the random generators of torch,
+NumPy and Python, the worlds with the policy's last belief in each, the last observation, and the curve so
+far.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""The training reward: the task's reward plus the least objective that the command would have cost a healthy vehicle.
+"""The training reward: the task's reward plus what the command would have cost a healthy vehicle at least.
 
-What is added depends on the command alone and on nothing that the policy does: a baseline. It takes the luck of an easy or a hard command out of
-the reward, so that what is left is regret: 0 for a healthy vehicle mapped perfectly. Scores are never computed from it.
+What is added depends on the command alone and on nothing that the policy does: a baseline. It takes the
+luck of an easy or a hard command out of the reward, so that what is left is regret: 0 for a healthy vehicle
+mapped perfectly. Scores are never computed from it.
 """
 
 from __future__ import annotations

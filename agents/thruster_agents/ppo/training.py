@@ -1,6 +1,7 @@
 """Training of one policy: worlds, PPO, a curve on validation seeds, checkpoints.
 
-A training run is a function of its settings: on one machine, with one number of torch threads, the same settings give the same bits, interrupted or not.
+A training run is a function of its settings: on one machine, with one number of torch threads, the same
+settings give the same bits, interrupted or not.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Settings:
         epochs: Passes over a rollout.
         discount: Per command.
         trace: Decay of the advantage estimate (lambda).
-        exploration: Logarithm of the standard deviation of actions at the start.
+        exploration: Standard deviation of actions at the start.
         checkpoint_every: Rollouts between checkpoints.
         validate_every: Rollouts between points of the curve.
         validation_worlds: Episodes to a point of the curve.
@@ -139,12 +140,12 @@ def train(
 def _new_model(settings: Settings, worlds: SB3VecEnv) -> PPO:
     beliefs = settings.form == "beliefs"
     policy: Any = DiagnosisPolicy if beliefs else "MlpPolicy"
-    options: dict[str, Any] = {"log_std_init": settings.exploration}
+    options: dict[str, Any] = {"log_std_init": math.log(settings.exploration)}
     if not beliefs:
         options["net_arch"] = {"pi": [128, 128], "vf": [128, 128]}
     # SB3's own seeding would also seed the worlds, whose seeds are set apart.
     torch.manual_seed(settings.seed)
-    np.random.seed(settings.seed)  # noqa: NPY002  # SB3 shuffles its minibatches with NumPy's global generator
+    np.random.seed(settings.seed)  # noqa: NPY002  # SB3 shuffles with NumPy's global generator
     model = PPO(
         policy,
         worlds,

@@ -1,10 +1,12 @@
 """A response test: after each firing, ask which one thruster's under-delivery explains best what came.
 
-Models one thruster at a time that delivers only a share of its thrust, and independent sensor noise of known size. For each thruster
-that fired, the share it must have lost to explain the difference between measured and expected rate change is a least-squares fit; the
-statistic is by how much that fit lowers the noise-weighted square of the difference. The best thruster is blamed when its statistic exceeds a threshold.
+Models one thruster at a time that delivers only a share of its thrust, and independent sensor noise of
+known size. For each thruster that fired, the share it must have lost to explain the difference between
+measured and expected rate change is a least-squares fit; the statistic is by how much that fit lowers the
+noise-weighted square of the difference. The best thruster is blamed when its statistic exceeds a threshold.
 
-Left out: several thrusters failing at once, thrust without command, evidence gathered over several firings, recovery of a thruster that nobody fires any more.
+Left out: several thrusters failing at once, thrust without command, evidence gathered over several firings,
+recovery of a thruster that nobody fires any more.
 """
 
 from __future__ import annotations
@@ -22,13 +24,15 @@ class ResponseTest:
     """Believed health of each thruster in a batch of vehicles, revised after every firing.
 
     Args:
-        spacecraft: Description of the nominal vehicle: its effectiveness, and the noise of its velocity and rate sensors.
+        spacecraft: Description of the nominal vehicle: its effectiveness, and the noise of its velocity and
+            rate sensors.
         threshold: Of the statistic, dimensionless; see :func:`threshold_for`.
         vehicles: How many vehicles are watched.
 
     Attributes:
         health: (vehicles, n), believed share 0..1 of its thrust that each thruster delivers.
-        statistic: (vehicles,), of the last firing: the drop in noise-weighted squared difference, 0 without a firing.
+        statistic: (vehicles,), of the last firing: the drop in noise-weighted squared difference, 0 without
+            a firing.
 
     Raises:
         ValueError: A threshold below 0 or NaN; fewer than one vehicle.
@@ -65,10 +69,12 @@ class ResponseTest:
 
         Args:
             on_times: (vehicles, n), s: what each thruster was told.
-            difference: (vehicles, 6): measured minus expected rate change, m/s and rad/s, body axes; expected of the nominal vehicle.
+            difference: (vehicles, 6): measured minus expected rate change, m/s and rad/s, body axes;
+                expected of the nominal vehicle.
 
         Returns:
-            (vehicles, n), the believed health. Where the test finds nobody to blame, it is what it was before.
+            (vehicles, n), the believed health. Where the test finds nobody to blame, it is what it was
+            before.
         """
         told = np.atleast_2d(np.asarray(on_times, dtype=np.float64))
         missing = -np.atleast_2d(np.asarray(difference, dtype=np.float64)) / self._noise
@@ -89,7 +95,8 @@ def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> flo
 
     Args:
         false_alarm_rate: Share of episodes, above 0 and below 1.
-        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a healthy vehicle.
+        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a
+            healthy vehicle.
 
     Raises:
         ValueError: A rate outside of (0, 1), or too few episodes to tell such a rate.
@@ -104,6 +111,7 @@ def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> flo
     largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
     if largest.size * false_alarm_rate < 1.0:
         raise ValueError(
-            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; {int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
+            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; "
+            f"{int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
         )
     return float(np.quantile(largest, 1.0 - false_alarm_rate))
