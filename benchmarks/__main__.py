@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
+import importlib.util
 import sys
 import time
 from pathlib import Path
@@ -13,12 +14,17 @@ from benchmarks.figure import draw
 from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
 
-SECTIONS = ("environments", "peers", "learning", "mapping")
+#: Each is a module of this package whose ``measure(effort)`` gives a section.
+SECTIONS = tuple(
+    name
+    for name in ("environments", "peers", "learning", "mapping")
+    if importlib.util.find_spec(f"benchmarks.{name}") is not None
+)
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 
 def run(names: list[str], effort: Effort) -> list[Section]:
-    """Measure some sections, each a module of this package with a function ``measure``."""
+    """Measure some sections, and print each as soon as it is there."""
     found = []
     for name in names:
         print(f"{name}: measuring ...", end=" ", flush=True)

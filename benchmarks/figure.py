@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from benchmarks.report import Row, Section, number
 
@@ -21,14 +22,16 @@ def draw(sections: Sequence[Section], path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    heights = [len(rows) + 1.2 for _, rows in panels]
+    heights = [len(rows) + 2.0 for _, rows in panels]
     figure, axes = plt.subplots(
-        len(panels), 1, figsize=(10.0, 0.36 * sum(heights) + 0.9), height_ratios=heights, squeeze=False,
+        len(panels), 1, figsize=(10.0, 0.3 * sum(heights) + 0.6), height_ratios=heights, squeeze=False,
         sharex=True, layout="constrained",
     )  # fmt: skip
     for axis, (title, rows) in zip(axes[:, 0], panels, strict=True):
         _bars(axis, title, rows)
-    axes[-1, 0].set_xlabel("environment steps per second (red: target)")
+    values = [row.value for _, rows in panels for row in rows if row.value]
+    axes[-1, 0].set_xlim(0.4 * min(values), 6.0 * max(values))
+    axes[-1, 0].set_xlabel("environment steps per second: ours blue, others grey, targets red")
     figure.savefig(path, dpi=130)
     plt.close(figure)
     return True
@@ -38,23 +41,25 @@ def _charted(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if row.charted and row.value is not None]
 
 
-def _bars(axis: object, title: str, rows: Sequence[Row]) -> None:
-    places = range(len(rows))
-    values = [row.value or 0.0 for row in rows]
-    axis.barh(places, values, color=[OURS if row.own else OTHERS for row in rows], height=0.7)
-    for place, row, value in zip(places, rows, values, strict=True):
-        reach = value
+def _bars(axis: Any, title: str, rows: Sequence[Row]) -> None:
+    """One panel; a gap stands before every row of ours that others are compared with."""
+    places, place = [], -1.0
+    for row in rows:
+        place += 1.6 if row.own and places and title == "Peers" else 1.0
+        places.append(place)
+    for place, row in zip(places, rows, strict=True):
+        reach = value = row.value or 0.0
+        axis.barh(place, value, color=OURS if row.own else OTHERS, height=0.75)
         if row.target is not None:
-            axis.plot([row.target.value] * 2, [place - 0.42, place + 0.42], color=TARGET, linewidth=2.0)
+            axis.plot([row.target.value] * 2, [place - 0.45, place + 0.45], color=TARGET, linewidth=2.5)
             reach = max(value, row.target.value)
         axis.annotate(
             number(value), (reach, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=8
         )
     axis.set_yticks(places, [row.name.replace("`", "") for row in rows], fontsize=8)
-    axis.invert_yaxis()
+    axis.set_ylim(places[-1] + 0.6, -0.6)
     axis.set_xscale("log")
     axis.set_title(title, loc="left", fontsize=10, fontweight="bold")
-    axis.margins(x=0.12)
     axis.grid(axis="x", alpha=0.3)
     axis.set_axisbelow(True)
     for side in ("top", "right"):

@@ -46,8 +46,8 @@ def _rows(task: str, worlds: int, effort: Effort) -> list[Row]:
     torch.set_num_threads(1)
     env = _timed(gym.make_vec(f"thruster_envs/{task}", num_envs=worlds, threads=1, faults=ALL_KINDS))
     model = PPO(
-        "MlpPolicy", env, n_steps=ROLLOUT, batch_size=min(MINIBATCH, worlds * ROLLOUT), n_epochs=EPOCHS, seed=0,
-        device="cpu",
+        "MlpPolicy", env, n_steps=ROLLOUT, batch_size=min(MINIBATCH, worlds * ROLLOUT), n_epochs=EPOCHS,
+        seed=0, device="cpu",
     )  # fmt: skip
 
     def iterate() -> None:
