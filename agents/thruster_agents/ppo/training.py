@@ -130,7 +130,7 @@ def train(
     remaining = total - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=clerk, reset_num_timesteps=saved is None)
-    clerk.finish()
+        clerk.finish()
     model.save(folder / "model.zip")
     model.logger.close()
     worlds.close()
