@@ -124,7 +124,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             seed = int(self.np_random.integers(2**62))
         if seed is None:
             return
-        if isinstance(seed, (int, np.integer)):
+        if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
             first = checked_seed(seed)
             self.worlds.seed(which, [first + int(world) for world in which])
             return

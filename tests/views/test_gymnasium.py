@@ -1,0 +1,331 @@
+"""The Gymnasium environments pass every checker there is, take faults in every form, and refuse nonsense."""
+
+import json
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
+from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+from tests.views.cases import FAULTS, IDS, entries
+from thruster_envs.faults import KINDS, Fault, FaultDistribution
+from thruster_envs.spacecraft import load, save
+from thruster_envs.testing import check_vector_env
+
+
+@pytest.fixture(params=IDS)
+def identifier(request):
+    return request.param
+
+
+def test_gymnasium_finds_nothing_wrong(identifier):
+    check_env(gym.make(identifier, faults=FAULTS, render_mode="rgb_array").unwrapped)
+
+
+def test_stable_baselines_finds_nothing_wrong(identifier):
+    check_env_for_sb3(gym.make(identifier, faults=FAULTS))
+
+
+def test_the_vector_form_passes_every_check_in_every_autoreset_mode(identifier):
+    report = check_vector_env(identifier, faults=FAULTS, max_episode_steps=25, steps=60)
+    assert not report.failures
+    assert all(result.outcome == "passed" for result in report.results)
+
+
+def test_a_thousand_worlds_are_made_by_one_call(identifier):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make_vec(identifier, num_envs=1024, faults=FAULTS)
+    observations, _ = env.reset(seed=0)
+    assert observations.shape == env.observation_space.shape
+    assert observations in env.observation_space
+    assert len(np.unique(observations, axis=0)) == 1024
+
+
+# ---- Faults, in every form ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fault_is_given_to_make_or_to_reset_and_comes_back_as_truth(identifier, kind):
+    fault = Fault(
+        5,
+        kind,
+        severity=0.25,
+        onset=5.0,
+        duration=10.0,
+        **({"profile_time": 20.0} if kind == "intermittent" else {}),
+    )
+    made = gym.make(identifier, faults=[fault])
+    told = gym.make(identifier, faults=[])
+    _, info = made.reset(seed=3)
+    _, same = told.reset(seed=3, options={"faults": fault})
+    seen = []
+    for _ in range(4):
+        for one in (info, same):
+            assert one["fault"]["thruster"].tolist() == [5, 0, 0, 0]
+            assert one["fault"]["kind"].tolist() == [KINDS.index(kind) + 1, 0, 0, 0]
+            assert one["fault"]["severity"].tolist() == [0.25, 0.0, 0.0, 0.0]
+        seen.append(bool(info["fault"]["active"][0]))
+        action = np.full(12, -0.5, np.float32)
+        first, second = made.step(action), told.step(action)
+        assert np.array_equal(first[0], second[0])
+        assert first[1] == second[1]
+        info, same = first[4], second[4]
+    assert seen == [False, True, True, False]
+    _, info = told.reset()
+    assert not info["fault"]["kind"].any()
+
+
+def test_a_distribution_draws_faults_anew_at_every_reset(identifier):
+    env = gym.make(identifier, faults={"probability": 0.5, "kinds": ["stuck_off", "leak"]})
+    drawn = []
+    for seed in range(600):
+        _, info = env.reset(seed=seed)
+        drawn.append((int(info["fault"]["kind"][0]), int(info["fault"]["thruster"][0])))
+    kinds = np.array([kind for kind, _ in drawn])
+    assert set(kinds) == {0, KINDS.index("stuck_off") + 1, KINDS.index("leak") + 1}
+    share = (
+        0.5 / env.unwrapped.task.number_of_craft
+    )  # a fault strikes one craft, of which this one is the first
+    assert abs(np.count_nonzero(kinds) - 600 * share) < 4.0 * np.sqrt(600 * share * (1.0 - share))
+    assert {thruster for _, thruster in drawn} == set(range(13))
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Fault(2, "loss", severity=0.5),
+        [Fault(2, "loss", severity=0.5), Fault(3, "misalignment", severity=0.3, azimuth=1.0)],
+        FaultDistribution(probability=1.0, kinds={"leak": 2.0, "stuck_on": 1.0}, onset=(10.0, 20.0)),
+        None,
+    ],
+)
+def test_a_spec_survives_json(identifier, faults):
+    spec = gym.make(identifier, faults=faults, max_episode_steps=9).spec
+    again = gym.make(EnvSpec.from_json(json.loads(json.dumps(spec.to_json()))))
+    env = gym.make(identifier, faults=faults, max_episode_steps=9)
+    assert np.array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
+    for _ in range(9):
+        action = np.linspace(-1.0, -0.4, 12, dtype=np.float32)
+        first, second = env.step(action), again.step(action)
+        assert np.array_equal(first[0], second[0])
+        assert first[1:4] == second[1:4]
+    assert first[3] or first[2]
+
+
+def test_the_oracle_view_shows_what_the_faults_do(identifier):
+    faults = [
+        Fault(1, "stuck_off"),
+        Fault(2, "loss", severity=0.25),
+        Fault(3, "stuck_on", severity=0.75),
+        Fault(4, "leak", severity=0.125),
+    ]
+    env = gym.make(identifier, faults=faults, observe_fault=True)
+    plain = gym.make(identifier, faults=faults)
+    observation, _ = env.reset(seed=0)
+    without, _ = plain.reset(seed=0)
+    assert np.array_equal(observation[:-24], without)
+    delivered, closed = observation[-24:-12], observation[-12:]
+    assert delivered.tolist() == [0.0, 0.75, 0.0, 0.875] + 8 * [1.0]
+    assert closed.tolist() == [0.0, 0.0, 0.75, 0.125] + 8 * [0.0]
+
+
+# ---- Bad input ---------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_argument_is_refused_by_naming_the_nearest(identifier):
+    with pytest.raises(ValueError, match="observe_fault"):
+        gym.make(identifier, observe_faults=True)
+    with pytest.raises(ValueError, match="observe_fault"):
+        gym.make_vec(identifier, num_envs=2, observe_faults=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"fault_slots": 0}, "fault_slots is 0; a whole number from 1 to 64"),
+        ({"max_substep": 0.0}, "max_substep is 0.0 s"),
+        ({"spacecraft": "orio"}, "orion"),
+        ({"faults": [{"thruster": 13, "kind": "leak"}]}, "thruster 13; a number from 1 to 12"),
+        ({"faults": [{"thruster": 1, "kind": "leek"}]}, "leak"),
+        ({"faults": {"probability": 1.0, "count": (5, 5)}}, "at most 4 faults"),
+        ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
+    ],
+)
+def test_a_bad_argument_is_named_in_one_line(identifier, arguments, message):
+    environment = gym.spec(identifier).entry_point.split(":")[1]
+    with pytest.raises(ValueError, match=message) as caught:
+        getattr(__import__("thruster_envs.views.environments", fromlist=[environment]), environment)(
+            **arguments
+        )
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_no_number_is_refused_and_the_episode_is_unharmed(identifier, bad):
+    env, twin = gym.make(identifier).unwrapped, gym.make(identifier).unwrapped
+    vector = gym.make_vec(identifier, num_envs=3)
+    action = np.full(12, -0.5)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    vector.reset(seed=0)
+    wrong, batch = action.copy(), np.tile(action, (3, 1))
+    wrong[6] = batch[2, 6] = bad
+    with pytest.raises(ValueError, match=f"thruster 7 is {bad}; a number from -1 to 1"):
+        env.step(wrong)
+    with pytest.raises(ValueError, match=f"world 2, craft_1, thruster 7 is {bad}"):
+        vector.step(batch)
+    assert np.array_equal(env.step(action)[0], twin.step(action)[0])
+
+
+@pytest.mark.parametrize("shape", [(11,), (13,), (2, 12), ()])
+def test_an_action_of_another_shape_is_refused(identifier, shape):
+    env = gym.make(identifier).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="shape"):
+        env.step(np.zeros(shape))
+    vector = gym.make_vec(identifier, num_envs=3)
+    vector.reset(seed=0)
+    with pytest.raises(ValueError, match="shape"):
+        vector.step(np.zeros((3, *shape)))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "7", 2**128])
+def test_a_bad_seed_is_refused(identifier, seed):
+    with pytest.raises((ValueError, gym.error.Error), match=r"(?i)seed"):
+        gym.make_vec(identifier, num_envs=2).reset(seed=seed)
+
+
+def test_actions_outside_the_space_are_clipped(identifier):
+    env, twin = gym.make(identifier).unwrapped, gym.make(identifier).unwrapped
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    action = np.linspace(-3.0, 3.0, 12)
+    assert np.array_equal(env.step(action)[0], twin.step(np.clip(action, -1.0, 1.0))[0])
+
+
+def test_stepping_before_a_reset_is_refused(identifier):
+    with pytest.raises(gym.error.ResetNeeded):
+        gym.make(identifier).unwrapped.step(np.zeros(12))
+    with pytest.raises(ValueError, match="reset"):
+        gym.make_vec(identifier, num_envs=2).step(np.zeros((2, 12)))
+
+
+# ---- One's own spacecraft ----------------------------------------------------------------------------------
+
+
+def test_a_spacecraft_of_ones_own_is_used_by_its_path(identifier, tmp_path):
+    path = tmp_path / "mine.toml"
+    orion = load("orion")
+    save(orion.replace(name="mine", mass=40.0, thrusters=(*orion.thrusters[:11],)), path)
+    env = gym.make(identifier, spacecraft=str(path), observe_fault=True, faults=FAULTS)
+    assert env.action_space.shape == (11,)
+    assert env.unwrapped.task.vehicle.name == "mine"
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    for _ in range(30):
+        observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+        assert observation in env.observation_space
+        assert np.isfinite(reward)
+        if terminated or truncated:
+            env.reset()
+
+
+def test_spheres_flies_in_every_task(identifier):
+    check_env(gym.make(identifier, spacecraft="spheres", faults=FAULTS).unwrapped, skip_render_check=True)
+
+
+# ---- What is returned --------------------------------------------------------------------------------------
+
+
+def shares(first, second):
+    return (
+        isinstance(first, np.ndarray) and isinstance(second, np.ndarray) and np.shares_memory(first, second)
+    )
+
+
+def buffers(worlds):
+    state, model = worlds.state, getattr(worlds.state, "model", None)
+    own = [array for _, array in state.own()]
+    own += [value for value in vars(model).values() if isinstance(value, np.ndarray)]
+    own += [worlds.fleet.data, worlds.fleet.faults, worlds.keys, worlds.steps, worlds.episodes, *worlds._told]
+    return own
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_nothing_returned_is_a_view_of_what_the_next_step_writes(identifier, mode):
+    single = gym.make(identifier, faults=FAULTS).unwrapped
+    vector = gym.make_vec(identifier, num_envs=9, faults=FAULTS, max_episode_steps=3, autoreset_mode=mode)
+    single.reset(seed=0)
+    vector.reset(seed=0)
+    for _ in range(4):
+        for env, returned in ((single, single.step(np.zeros(12))), (vector, vector.step(np.zeros((9, 12))))):
+            arrays = [*returned[:4], *(value for _, value in entries(returned[4]))]
+            for array in arrays:
+                assert not any(shares(array, buffer) for buffer in buffers(env.unwrapped.worlds))
+
+
+def test_infos_have_the_same_keys_always_and_only_finite_numbers(identifier):
+    env = gym.make(identifier, faults=FAULTS, max_episode_steps=30).unwrapped
+    env.action_space.seed(0)
+    _, info = env.reset(seed=0)
+    keys = {path for path, _ in entries(info)}
+    assert {"cost", "fuel", "score", "success", "fault.active", "fault.kind"} <= keys
+    for step in range(300):
+        observation, reward, terminated, _, info = env.step(env.action_space.sample())
+        assert observation in env.observation_space
+        assert {path for path, _ in entries(info)} == keys
+        assert all(np.isfinite(value).all() for _, value in entries(info))
+        assert sum(info["reward_terms"].values()) == pytest.approx(reward, rel=0.0, abs=1e-12)
+        assert info["cost"] >= 0.0
+        assert 0.0 <= info["score"] <= 1.0
+        if terminated or step % 30 == 29:
+            _, info = env.reset()
+            assert {path for path, _ in entries(info)} == keys
+
+
+# ---- Pictures ----------------------------------------------------------------------------------------------
+
+
+def test_frames_show_something_that_moves(identifier):
+    env = gym.make(identifier, faults=[Fault(3, "stuck_off")], render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(3):
+        env.step(np.full(12, -0.6, np.float32))
+    last = env.render()
+    env.close()
+    assert first.dtype == np.uint8
+    assert first.ndim == 3
+    assert first.shape[2] == 3
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 20
+    assert np.count_nonzero(first != last) > 500
+
+
+def test_a_vector_environment_draws_every_world(identifier):
+    env = gym.make_vec(identifier, num_envs=2, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(np.full((2, 12), -0.6, np.float32))
+    frames = env.render()
+    env.close()
+    assert len(frames) == 2
+    assert not np.array_equal(frames[0], frames[1])
+
+
+def test_an_episode_is_recorded_as_a_video(identifier, tmp_path):
+    env = RecordVideo(
+        gym.make(identifier, render_mode="rgb_array", max_episode_steps=4),
+        str(tmp_path / "videos"),
+        episode_trigger=lambda _: True,
+        disable_logger=True,
+    )
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(np.full(12, -0.8, np.float32))
+    env.close()
+    (video,) = tmp_path.glob("videos/*.mp4")
+    assert video.stat().st_size > 1000
