@@ -1,15 +1,16 @@
 """Counter-based random numbers: one stream per world, drawn anywhere, in any order, by any thread.
 
-What is here: the Philox 4x64 generator with ten rounds (Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3"), the same
-function as ``numpy.random.Philox``, and the two distributions that the physics needs. A draw is a pure function of a *key* (the seed of the
-world) and a *counter* (which block of the step, which step, which episode, which craft and purpose): nothing is advanced, so a world's draws
-depend on its own seed and its own time alone, never on the batch around it.
+What is here: the Philox 4x64 generator with ten rounds (Salmon et al. 2011, "Parallel random numbers: as easy
+as 1, 2, 3"), the same function as ``numpy.random.Philox``, and the two distributions that the physics needs.
+A draw is a pure function of a *key* (the seed of the world) and a *counter* (which block of the step, which
+step, which episode, which craft and purpose): nothing is advanced, so a world's draws depend on its own seed
+and its own time alone, never on the batch around it.
 
 What is left out: any generator state, and any distribution other than the uniform and the normal.
 
-The functions are scalar and branch-free, hence they vectorise across worlds and give the same bits in a batch of one and in a batch of
-thousands; the logarithm and the sine are polynomials of their own for that reason (absolute error below 1e-11, far below the 32-bit grid of
-the uniform numbers underneath).
+The functions are scalar and branch-free, hence they vectorise across worlds and give the same bits in a batch
+of one and in a batch of thousands; the logarithm and the sine are polynomials of their own for that reason
+(absolute error below 1e-11, far below the 32-bit grid of the uniform numbers underneath).
 """
 
 import numpy as np
@@ -39,7 +40,8 @@ def _multiply_high(a, b):
 def philox(c0, c1, c2, c3, key_0, key_1):
     """Four uniform unsigned 64-bit words from a 256-bit counter and a 128-bit key (Philox 4x64-10).
 
-    Equal to the block that ``numpy.random.Philox`` gives for the same key once its counter stands at ``(c0, c1, c2, c3)``.
+    Equal to the block that ``numpy.random.Philox`` gives for the same key once its counter stands at
+    ``(c0, c1, c2, c3)``.
     """
     for _ in range(10):
         high_0, low_0 = _multiply_high(_ROUND_0, c0), _ROUND_0 * c0
@@ -60,7 +62,7 @@ def uniform_pair(word):
 
 @njit(forceinline=True)
 def normal_pair(word):
-    """Two independent standard normal numbers from one 64-bit word (Box and Muller 1958), at most 6.8 in size."""
+    """Two independent standard normal numbers, at most 6.8 in size, from one word (Box and Muller 1958)."""
     first, second = uniform_pair(word)
     radius = np.sqrt(-2.0 * _log(first))
     cosine, sine = _cos_sin_turns(second)
@@ -69,7 +71,7 @@ def normal_pair(word):
 
 @njit(forceinline=True)
 def _log(x):
-    """Natural logarithm of a number in (0, 1), from its exponent and the area-tangent series of its mantissa."""
+    """Natural logarithm of a number in (0, 1): its exponent, and the area-tangent series of its mantissa."""
     bits = np.float64(x).view(np.int64)
     exponent = (bits >> 52) - 1023
     mantissa = np.int64((bits & 0x000FFFFFFFFFFFFF) | 0x3FF0000000000000).view(np.float64)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.closed_forms import hcw_transition, rotation_angle
+from tests.physics.closed_forms import hcw_transition, rotation_angle, rotation_matrix
 from tests.physics.flying import Array, begin
 from thruster_envs.faults import Fault
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import DEFAULT_SUBSTEP, Fleet
 from thruster_envs.spacecraft import load
-from thruster_envs.tasks.pilot import Pilot
 
 PERIODS, WORLDS = 571, 4
 SMALL_SUBSTEP = 0.05
@@ -34,7 +33,7 @@ def transfer() -> Array:
 
 
 def rendezvous(max_substep: float, faults: list[Fault], duties: Array | None = None) -> tuple[Array, Array]:
-    """Orion follows the transfer, by its pilot on noisy measurements or under given duties.
+    """Orion follows the transfer, by feedback of noisy measurements or under given duties.
 
     Returns states (PERIODS, WORLDS, 14) and duties (PERIODS, WORLDS, 1, 12).
     """
@@ -47,17 +46,41 @@ def rendezvous(max_substep: float, faults: list[Fault], duties: Array | None = N
     fleet.write(at.ATTITUDE, attitude / np.linalg.norm(attitude, axis=2, keepdims=True))
     fleet.write(at.RATE, rng.uniform(-1e-3, 1e-3, (WORLDS, 1, 3)))
     fleet.look(fleet.everyone)
-    pilot = Pilot.of(spacecraft)
     states, commanded = [], []
     for period, slot in enumerate(transfer()):
         if duties is None:
-            pilot.fly(fleet.data, np.broadcast_to(slot, (WORLDS, 1, 6)).copy(), 0, 1, WORLDS)
+            measured = fleet.read(at.MEASURED, 13)[:, 0]
+            fleet.write(fleet.layout.duties, np.array([[feedback(one, slot)] for one in measured]))
         else:
             fleet.write(fleet.layout.duties, duties[period])
         commanded.append(fleet.read(fleet.layout.duties, 12))
         fleet.fly()
         states.append(fleet.read(0, 14)[:, 0])
     return np.array(states), np.array(commanded)
+
+
+def spring(error: Array, speed: Array, frequency: float) -> Array:
+    """Acceleration that brings an error to zero with critical damping."""
+    return -(frequency**2 * error + 2.0 * frequency * speed)
+
+
+EFFECTIVENESS_INVERSE = np.linalg.pinv(load("orion").effectiveness())
+
+
+def feedback(measured: Array, slot: Array) -> Array:
+    """(12,) duties of a plain pilot: a damped spring on each axis, and on-times of least norm, none negative.
+
+    Args:
+        measured: (13,) what the sensors say.
+        slot: (6,) where the craft should be.
+    """
+    attitude, rate = measured[6:10], measured[10:13]
+    body_from_lvlh = rotation_matrix(attitude)
+    force = body_from_lvlh @ spring(measured[:3] - slot[:3], measured[3:6] - slot[3:], 0.01)
+    spin = rate - body_from_lvlh @ [0.0, 0.0, 0.0011]
+    torque = spring(-2.0 * np.sign(attitude[0]) * attitude[1:], spin, 0.03)
+    duties = EFFECTIVENESS_INVERSE @ np.concatenate([force, torque])
+    return np.clip(duties - min(0.0, duties.min()), 0.0, 1.0)
 
 
 def differences(first: Array, second: Array) -> Array:

@@ -1,7 +1,7 @@
 """The compiled draw of a world's faults from an encoded :class:`~thruster_envs.faults.FaultDistribution`.
 
-Every draw comes from the stream of its own world (purpose ``FAULTS``), so that the faults of an episode are a function of the world's
-seed and of the number of the episode.
+Every draw comes from the stream of its own world (purpose ``FAULTS``), so that the faults of an episode are a
+function of the world's seed and of the number of the episode.
 """
 
 import math
@@ -19,7 +19,10 @@ _PROFILES = table.NUMBER_OF_CHOICES - table.PROFILE_CUMULATIVE
 
 @njit
 def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
-    """Fill the slots of one world, ``rows`` (craft, slots, >= 9), with zeros and then with what the distribution draws."""
+    """Fill the slots of one world, ``rows`` (craft, slots, >= 9), with what the distribution draws.
+
+    Slots that it leaves empty are zero.
+    """
     rows[:] = 0.0
     uniform = np.empty(16)
     _uniforms(uniform, 0, episode, key_low, key_high)
@@ -86,7 +89,7 @@ def _choice(distribution, first, length, uniform):
 
 @njit
 def _thruster(rows, distribution, thrusters, craft, used, uniform):
-    """Index of a thruster of the craft that may fail and has no fault yet, all equally likely; -1 if there is none."""
+    """Index of a thruster that may fail and has no fault yet, all equally likely; -1 if there is none."""
     listed = int(distribution[table.NUMBER_OF_CHOICES])
     candidates = np.empty(thrusters, np.int64)
     free = 0

@@ -1,13 +1,15 @@
 """Rigid-body attitude: Euler's equations for the rates, a fourth-order Magnus step for the quaternion.
 
-Models a rigid body with a full inertia matrix under a body-fixed torque that is a quadratic in time over one sub-step. Leaves out
-gravity-gradient and any other environmental torque, flexible modes and slosh.
+Models a rigid body with a full inertia matrix under a body-fixed torque that is a quadratic in time over one
+sub-step. Leaves out gravity-gradient and any other environmental torque, flexible modes and slosh.
 
-Conventions: quaternions are scalar-first and unit, *body-from-reference*: ``v_body = q (x) v_reference (x) q*`` with the Hamilton product, so
-``q' = -1/2 (0, rate) (x) q`` for the angular rate of the body in body axes. Everything here is scalar arithmetic on tuples of components,
-without branches: it compiles into vectorised kernels, and the undecorated source (``function.py_func``) runs on arrays.
+Conventions: quaternions are scalar-first and unit, *body-from-reference*, with the Hamilton product:
+``v_body = q (x) v_reference (x) q*``, so ``q' = -1/2 (0, rate) (x) q`` for the angular rate of the body in
+body axes. Everything here is scalar arithmetic on tuples of components, without branches: it compiles into
+vectorised kernels, and the undecorated source (``function.py_func``) runs on arrays.
 
-Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration", IV.7 (Magnus series); Iserles et al. 2000, "Lie-group methods".
+Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration", IV.7 (Magnus series); Iserles et al. 2000,
+"Lie-group methods".
 """
 
 from numba import njit
@@ -54,8 +56,8 @@ def rotate_back(q, v):
 def exponential(x, y, z):
     """Exponential of the pure quaternion ``(0, x, y, z)``: a rotation by twice that vector's length.
 
-    A quarter of the vector goes through the Taylor series and the result is squared twice: relative error below 1e-15 up to a length of 2
-    (four radians of rotation in one call), below 1e-9 up to 6.
+    A quarter of the vector goes through the Taylor series and the result is squared twice: relative error
+    below 1e-15 up to a length of 2 (four radians of rotation in one call), below 1e-9 up to 6.
     """
     x, y, z = 0.25 * x, 0.25 * y, 0.25 * z
     s = x * x + y * y + z * z
@@ -89,7 +91,10 @@ def exponential(x, y, z):
 
 @njit(forceinline=True)
 def angular_acceleration(rate, torque, inertia, inverse):
-    """Euler's equation ``J w' = torque - w x (J w)``, rad/s^2; both matrices as (xx, yy, zz) or (xx, yy, zz, xy, xz, yz)."""
+    """Euler's equation ``J w' = torque - w x (J w)``, rad/s^2.
+
+    Inertia and its inverse are given as (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
+    """
     gyroscopic = cross(rate, _symmetric_product(inertia, rate))
     return _symmetric_product(
         inverse, (torque[0] - gyroscopic[0], torque[1] - gyroscopic[1], torque[2] - gyroscopic[2])
@@ -98,7 +103,10 @@ def angular_acceleration(rate, torque, inertia, inverse):
 
 @njit(forceinline=True)
 def _symmetric_product(m, v):
-    """Product of a diagonal (three numbers) or symmetric matrix (six) with a vector; which one is decided at compilation."""
+    """Product of a diagonal (three numbers) or symmetric matrix (six) with a vector.
+
+    Which of the two is decided when the kernel is compiled.
+    """
     if len(m) == 3:
         return (m[0] * v[0], m[1] * v[1], m[2] * v[2])
     return (
@@ -118,7 +126,8 @@ def _along(a, s, b):
 def rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h):
     """One RK4 step of Euler's equations; torque at the start, middle and end of the step in N m.
 
-    Returns the rates at a quarter, the middle and the end of the step (the inner two by cubic Hermite interpolation, fourth order).
+    Returns the rates at a quarter, the middle and the end of the step (the inner two by cubic Hermite
+    interpolation, fourth order).
     """
     k1 = angular_acceleration(rate, torque_0, inertia, inverse)
     k2 = angular_acceleration(_along(rate, 0.5 * h, k1), torque_m, inertia, inverse)
@@ -148,7 +157,10 @@ def _hermite(a, da, b, db, h, wa, wda, wb, wdb):
 
 @njit(forceinline=True)
 def turn(q, rate_0, rate_m, rate_1, h):
-    """Attitude after ``h`` seconds of the given body rates (start, middle, end of the step), by the fourth-order Magnus series."""
+    """Attitude after ``h`` seconds of the given body rates, by the fourth-order Magnus series.
+
+    The rates are those at the start, the middle and the end of the step, rad/s.
+    """
     twist = cross(rate_0, rate_1)
     a, b = -1 / 12 * h, -1 / 24 * h * h
     step = exponential(
@@ -161,9 +173,10 @@ def turn(q, rate_0, rate_m, rate_1, h):
 
 @njit(forceinline=True)
 def follow_orbit(q, mean_motion, h):
-    """Attitude against the LVLH frame, which turns about its own z, after ``h`` seconds in which the body kept still in inertial space.
+    """Attitude against the turning LVLH frame after ``h`` seconds at rest in inertial space.
 
-    Series in half the angle: exact to rounding up to 0.02 rad, which is 36 s in a low orbit.
+    The frame turns about its own z. Series in half the angle: exact to rounding up to 0.02 rad, which is 36 s
+    in a low orbit.
     """
     a = 0.5 * mean_motion * h
     z = a * a

@@ -1,4 +1,4 @@
-"""One line to the user when a kernel is compiled for the first time on a machine, since that takes some seconds."""
+"""One line to the user when a kernel is compiled on a machine, since that takes some seconds."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class _Announcer(event.Listener):
         dispatcher = event.data["dispatcher"]
         if not self.said and dispatcher.py_func.__module__.startswith("thruster_"):
             self.said = True
-            print(
-                "thruster-envs: compiling its kernels for this machine (some seconds, once; later runs load them)",
-                file=sys.stderr,
-                flush=True,
+            sys.stderr.write(
+                "thruster-envs: compiling its kernels for this machine (some seconds, once; "
+                "later runs load them)\n"
             )
+            sys.stderr.flush()
 
     def on_end(self, event: Any) -> None:
         """Nothing to say."""

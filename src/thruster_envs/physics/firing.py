@@ -1,18 +1,22 @@
-"""Thruster firing within one control period: valves, faults and the shared feed, as a body wrench that is known exactly at every moment.
+"""Thruster firing within one control period: valves, faults and the shared feed, as a body wrench.
 
-Models, per thruster: a minimum pulse, opening and closing delays, linear rise and fall of the flow, uniform firing-to-firing scatter, the
-faults of :mod:`thruster_envs.faults`; and one propellant feed shared by all, through which every open thruster takes a share of the thrust
-of the others, in proportion to how far it is open (Yang 2003, section 2.4: 6 % on Orion). The period is cut at every corner of every valve
-level and of every fault; inside a piece all levels are linear in time.
+The wrench is known exactly at every moment.
 
-Consecutive commands that last to the end of their periods are one run, with one opening delay. A pulse that would open after the end of its
-period is lost.
+Models, per thruster: a minimum pulse, opening and closing delays, linear rise and fall of the flow, uniform
+firing-to-firing scatter, the faults of :mod:`thruster_envs.faults`; and one propellant feed shared by all,
+through which every open thruster takes a share of the thrust of the others, in proportion to how far it is
+open (Yang 2003, section 2.4: 6 % on Orion). The period is cut at every corner of every valve level and of
+every fault; inside a piece all levels are linear in time.
 
-Leaves out plume impingement, pulse-to-pulse memory (thermal or hydraulic), water hammer, and depletion inside a period (a craft whose
-propellant is used up at the start of a period does not fire in it).
+Consecutive commands that last to the end of their periods are one run, with one opening delay. A pulse that
+would open after the end of its period is lost. Several misalignments of one thruster add up; they are not
+turned one after the other.
 
-The helpers here work on one block of craft at a time: arrays of shape (rows, lanes), lanes innermost, plain arithmetic across lanes so that
-the loops vectorise; what is rare (a fault) is done lane by lane.
+Leaves out plume impingement, pulse-to-pulse memory (thermal or hydraulic), water hammer, and depletion inside
+a period (a craft whose propellant is used up at the start of a period does not fire in it).
+
+The helpers here work on one block of craft at a time: arrays of shape (rows, lanes), lanes innermost, plain
+arithmetic across lanes so that the loops vectorise; what is rare (a fault) is done lane by lane.
 """
 
 import math
@@ -21,13 +25,17 @@ from numba import njit
 
 from thruster_envs.faults import encoding as code
 
-#: Corners that one thruster's level can have in a period when its valve has delays or ramps, and without them; corners of one fault.
+#: Corners that one thruster's level can have in a period when its valve has delays or ramps, and without
+#: them; corners of one fault.
 CORNERS_WITH_DYNAMICS, CORNERS, FAULT_CORNERS = 7, 1, 5
 
 
 @njit(forceinline=True)
 def sort_rows(rows, comparators, first, last):
-    """Sort every lane of ``rows`` (k, lanes) upwards by the fixed network that stands in ``comparators`` (p, 2) from ``first`` to ``last``."""
+    """Sort every lane of ``rows`` (k, lanes) upwards, by a fixed network of comparisons.
+
+    The network stands in ``comparators`` (p, 2) from ``first`` to ``last``.
+    """
     for p in range(first, last):
         i, j = comparators[p, 0], comparators[p, 1]
         for w in range(rows.shape[1]):
@@ -46,7 +54,10 @@ def saturating_ramp(level, slope, duration):
 
 @njit(forceinline=True)
 def valve_level(t, start_level, tail, opening, closing, rise, fall):
-    """Opening of a valve at time ``t`` of the period: open until ``tail``, shut until ``opening``, open until ``closing``, then shut."""
+    """Opening of a valve, 0..1, at time ``t`` of the period.
+
+    It is open until ``tail``, shut until ``opening``, open until ``closing`` and then shut.
+    """
     first = t if t < tail else tail
     level = saturating_ramp(start_level, rise, first)
     shut = (t if t < opening else opening) - first
@@ -59,7 +70,10 @@ def valve_level(t, start_level, tail, opening, closing, rise, fall):
 
 @njit
 def valve_corners(row, corners, w, start_level, tail, opening, closing, rise, fall, period):
-    """Write the times at which a valve's level has a corner into seven rows of ``corners``; those that do not occur become ``period``."""
+    """Write the times at which a valve's level has a corner into seven rows of ``corners``.
+
+    Those that do not occur become ``period``.
+    """
     at_tail = saturating_ramp(start_level, rise, tail)
     at_opening = saturating_ramp(at_tail, -fall, opening - tail if opening > tail else 0.0)
     at_closing = saturating_ramp(at_opening, rise, closing - opening if closing > opening else 0.0)
@@ -88,7 +102,10 @@ def severity(fault, t):
 
 @njit
 def severity_nodes(fault, start, end):
-    """Severity at the start, middle and end of a piece of time without corners; for a sine the middle makes Simpson's mean exact."""
+    """Severity at the start, middle and end of a piece of time without corners.
+
+    Of a sine, the middle value is the one that makes Simpson's mean exact.
+    """
     middle = 0.5 * (start + end)
     if fault[code.FIELD_PROFILE] == code.SQUARE or fault[code.FIELD_PROFILE] == code.STEP:
         s = severity(fault, middle)
@@ -109,7 +126,10 @@ def _turns(fault, time):
 
 @njit
 def is_active(fault, t):
-    """Whether a fault slot is in use and acts at ``t`` (s of the episode): after its onset, before its end, not in a pause."""
+    """Whether a fault acts at ``t``, s of the episode: after its onset, before its end, not in a pause.
+
+    An empty slot never does.
+    """
     if not (fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= t < fault[code.FIELD_END]):
         return False
     if fault[code.FIELD_PROFILE] == code.SQUARE:
@@ -120,7 +140,10 @@ def is_active(fault, t):
 
 @njit
 def fault_corners(fault, start, period, corners, row, w):
-    """Write the moments inside the period at which a fault begins, ends or has a kink into four rows of ``corners``."""
+    """Write the moments at which a fault begins, ends or has a kink into four rows of ``corners``.
+
+    Those that do not lie inside the period become one of its ends.
+    """
     for k in range(4):
         corners[row + k, w] = period
     if fault[code.FIELD_KIND] == 0.0:
@@ -143,7 +166,10 @@ def fault_corners(fault, start, period, corners, row, w):
 
 @njit
 def is_steady(fault, start, period):
-    """Whether a fault stays as it is all through a period of ``period`` seconds from ``start`` on; a late opening never counts as steady."""
+    """Whether a fault stays as it is all through a period of ``period`` seconds from ``start`` on.
+
+    A late opening never counts as steady.
+    """
     if fault[code.FIELD_KIND] == code.LATE_OPENING:
         return False
     end = start + period
@@ -163,7 +189,10 @@ def is_steady(fault, start, period):
 
 @njit
 def next_change(fault, t):
-    """When a fault next begins, ends or changes after ``t`` (s of the episode); ``t`` itself while it varies smoothly, infinity if never."""
+    """When a fault next begins, ends or changes after ``t``, s of the episode; infinity if never.
+
+    It is ``t`` itself while the fault varies smoothly.
+    """
     if t < fault[code.FIELD_ONSET]:
         return fault[code.FIELD_ONSET]
     if t >= fault[code.FIELD_END]:
@@ -181,7 +210,10 @@ def next_change(fault, t):
 
 @njit
 def apply_fault(kind, s, floor, slope, gain):
-    """Opening ``floor + slope q`` for a valve level ``q``, and gain, of a thruster under one more fault of severity ``s`` (a share)."""
+    """Opening and gain of a thruster under one more fault of severity ``s`` (a share).
+
+    The opening is ``floor + slope q`` for a valve level ``q``.
+    """
     if kind == code.STUCK_ON:
         return s, 0.0, gain
     if kind == code.LEAK:

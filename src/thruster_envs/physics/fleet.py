@@ -1,7 +1,7 @@
 """A batch of worlds, each with one or several like craft: the arrays, and the calls that move them.
 
-This is the host side of the compiled kernels. It knows nothing of tasks, rewards or episodes: a task begins some worlds, writes where their craft
-start, commands duties and flies a period.
+This is the host side of the compiled kernels. It knows nothing of tasks, rewards or episodes: a task begins
+some worlds, writes where their craft start, commands duties and flies a period.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -33,13 +34,14 @@ FloatArray = NDArray[np.float64]
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
 
-#: Length of the longest integration sub-step, s: errors stay a thousand times below Orion's sensor noise over half an orbit.
+#: Length of the longest integration sub-step, s: errors stay a thousand times below Orion's sensor noise over
+#: half an orbit.
 DEFAULT_SUBSTEP = 1.0
 
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """Encoded faults of a world: rows (craft, slots, 9) if given, or the table of the distribution from which they are drawn."""
+    """Encoded faults of a world: the rows (craft, slots, 9), or the table from which they are drawn."""
 
     rows: FloatArray
     table: FloatArray
@@ -56,7 +58,8 @@ class Fleet:
         slots: Faults that one craft can have at once.
         nonlinear: Full two-body relative motion instead of Hill's equations.
         max_substep: Longest integration sub-step, s.
-        threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above. Results do not depend on it.
+        threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
+            Results do not depend on it.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.layout` says.
@@ -111,22 +114,21 @@ class Fleet:
         self.threads = max(1, min(wanted, self.blocks))
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
         #: The blocks that each thread works on: (first, one past the last).
-        self.shares: list[tuple[int, int]] = list(zip(edges[:-1], edges[1:], strict=True))
+        self.shares: list[tuple[int, int]] = list(pairwise(edges))
 
     def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
         """Faults in the form in which :meth:`begin` takes them.
 
         Raises:
-            ValueError: A craft or thruster that does not exist, more faults than slots, or a dwell that is shorter than can be followed.
+            ValueError: A craft or thruster that does not exist, more faults than slots, or a dwell that is
+                shorter than can be followed.
         """
         n, period = self.layout.thrusters, self.spacecraft.control_period
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table, rows = (
-                source.encode(n, self.craft),
-                np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS))),
-            )
+            table = source.encode(n, self.craft)
+            rows = np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
             if source.count[1] > self.slots:
                 raise ValueError(
                     f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
@@ -137,11 +139,12 @@ class Fleet:
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
         if waves and shortest < period:
             raise ValueError(
-                f"profile_time of an intermittent fault is {shortest:g} s; at least the control period, {period:g} s, would be right"
+                f"profile_time of an intermittent fault is {shortest:g} s; "
+                f"at least the control period, {period:g} s, would be right"
             )
         return FaultPlan(rows, table, isinstance(source, FaultDistribution))
 
-    # What tasks do with it -----------------------------------------------------------------------------------------
+    # What tasks do with it -----------------------------------------------------------------------------
 
     def begin(
         self,
@@ -150,7 +153,7 @@ class Fleet:
         episodes: NDArray[np.uint64],
         faults: FaultPlan,
     ) -> None:
-        """Put the craft of some worlds back to the start of an episode: at rest at the origin, whole, with their faults.
+        """Put the craft of some worlds back to the start of an episode: at rest at the origin, whole.
 
         Args:
             which: (k,), the worlds.
@@ -179,11 +182,11 @@ class Fleet:
 
     def _fly(self, move: bool, first: int, last: int) -> None:
         self._kernel(
-            self.data, self.faults, self.streams, self.thrusters, self.constants, self._networks, self._starts,
-            *self._inertia, self._radius, self._dynamic, move, first, last,
+            self.data, self.faults, self.streams, self.thrusters, self.constants,
+            self._networks, self._starts, *self._inertia, self._radius, self._dynamic, move, first, last,
         )  # fmt: skip
 
-    # Reading and writing by world and craft ------------------------------------------------------------------------
+    # Reading and writing by world and craft ------------------------------------------------------------
 
     def read(self, row: int, count: int = 1) -> FloatArray:
         """A copy of ``count`` rows from ``row`` on, as (worlds, craft, count)."""
@@ -217,7 +220,7 @@ class Fleet:
 
 
 def run_shared(work: Callable[[int, int], None], shares: Sequence[tuple[int, int]]) -> None:
-    """Call ``work(first, last)`` for every share, each in a thread of its own; the first one in this thread."""
+    """Call ``work(first, last)`` for every share, the first here and each other one in its own thread."""
     waiting = [_pool(len(shares)).submit(work, *share) for share in shares[1:]]
     work(*shares[0])
     for one in waiting:
@@ -275,7 +278,7 @@ def _symmetric(matrix: FloatArray) -> tuple[float, ...]:
 
 
 def _tilted_wrenches(spacecraft: Spacecraft) -> FloatArray:
-    """(2, n, 6): the wrench of each thruster if its thrust pointed along either of two directions square to it (azimuth 0 and 90 deg)."""
+    """(2, n, 6): the wrench of each thruster if it pointed square to its direction, azimuth 0 and 90 deg."""
     wrenches = np.zeros((2, spacecraft.number_of_thrusters, 6))
     for i, thruster in enumerate(spacecraft.thrusters):
         direction = np.array(thruster.direction)
@@ -291,7 +294,7 @@ def _tilted_wrenches(spacecraft: Spacecraft) -> FloatArray:
 
 @cache
 def _sorting_network(size: int) -> NDArray[np.int64]:
-    """Batcher's odd-even merge sort of ``size`` rows: (p, 2), pairs (i, j), i < j, to be put in order one after another."""
+    """Batcher's odd-even merge sort of ``size`` rows: (p, 2), pairs i < j to be put in order in turn."""
     return np.array(list(_comparators(size)), dtype=np.int64).reshape(-1, 2)
 
 

@@ -1,13 +1,17 @@
-"""One control period of a batch of craft: thrusters fire, the craft fly, the sensors look. The compiled core of every environment.
+"""One control period of a batch of craft: thrusters fire, the craft fly, the sensors look.
 
-Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of thrusters on a rigid body on a relative
-orbit, mass depletion included (the inertia matrix and the centre of mass stay where they are). Each piece between two corners of the thrust is
-integrated in equal sub-steps no longer than the vehicle's ``max_substep``: RK4 for position, velocity and rate, a fourth-order Magnus step
-for the attitude, with the body wrench a quadratic in time. The impulse of a pulse is Simpson's sum of that quadratic over its pieces, hence
-exact and the same whatever the sub-step.
+The compiled core of every environment.
 
-Craft are processed in blocks whose innermost axis is the craft, so that the arithmetic vectorises. Every lane of a block does what it would
-do alone, to the last bit, whatever its neighbours need: they may add pieces of zero length, which change nothing.
+Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of
+thrusters on a rigid body on a relative orbit, mass depletion included (the inertia matrix and the centre of
+mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps no
+longer than the vehicle's ``max_substep``: RK4 for position, velocity and rate, a fourth-order Magnus step for
+the attitude, with the body wrench a quadratic in time. The impulse of a pulse is Simpson's sum of that
+quadratic over its pieces, hence exact and the same whatever the sub-step.
+
+Craft are processed in blocks whose innermost axis is the craft, so that the arithmetic vectorises. Every lane
+of a block does what it would do alone, to the last bit, whatever its neighbours need: they may add pieces of
+zero length, which change nothing.
 """
 
 import math
@@ -25,26 +29,18 @@ from thruster_envs.random import STEP, philox, uniform_pair
 
 # Rows of a block's moving state.
 _R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
-# Rows of the sums over thrusters at one node of a piece (start, middle, end): body wrench, mass flow, open valves.
+# Rows of the sums over thrusters at a node (start, middle, end) of a piece: body wrench, flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
 _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8
-# Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start, middle and end.
+# Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
+# middle and end.
 _H, _LOAD, _ENTRY = 0, 7, 22
 # Per-thruster groups of rows of the valves: command and carry-over, true strength, nominal duration.
-_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-)
-# Per-thruster groups of rows of the nodes (start, middle, end of a piece): opening, thrust as a share of nominal, and what faults make of a
-# valve level q, namely an opening of ``floor + slope q`` and a thrust multiplied by ``gain``.
+_OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = range(9)
+# Per-thruster groups of rows of the nodes (start, middle, end of a piece): opening, thrust as a share of
+# nominal, and what faults make of a valve level q, namely an opening of ``floor + slope q`` and a thrust
+# multiplied by ``gain``.
 _OPENING, _THRUST, _FLOOR, _SLOPE, _GAIN, _NODE_GROUPS = 0, 3, 6, 9, 12, 15
 
 
@@ -67,9 +63,10 @@ def fly_blocks(
 ):
     """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
 
-    The duties of the period stand in the rows ``Layout.duties`` of ``data``; on return they are those of the period that has passed.
-    ``fly`` False fires the thrusters (impulse, delivered on-times) without moving the craft or reading its sensors.
-    ``radius`` None means Hill's equations. Nothing outside the given blocks is read or written.
+    The duties of the period stand in the rows ``Layout.duties`` of ``data``; on return they are those of the
+    period that has passed. ``fly`` False fires the thrusters (impulse, delivered on-times) without moving the
+    craft or reading its sensors. ``radius`` None means Hill's equations. Nothing outside the given blocks is
+    read or written.
     """
     n, slots = thrusters.shape[1], faults.shape[2]
     corners = np.zeros((firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots, 32))
@@ -81,13 +78,14 @@ def fly_blocks(
     sums = np.zeros((3 * _SUMS, 32))
     impulse = np.zeros((_SUMS, 32))
     clock = np.zeros((_CLOCK, 32))
-    steps = int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    steps = 2 * int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 32))
     cursor = np.zeros(32, np.int64)
     sight = np.zeros((SIGHT_ROWS, 32))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, networks, starts,
+            inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
@@ -120,13 +118,14 @@ def fly_singly(
     sums = np.zeros((3 * _SUMS, 1))
     impulse = np.zeros((_SUMS, 1))
     clock = np.zeros((_CLOCK, 1))
-    steps = int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    steps = 2 * int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 1))
     cursor = np.zeros(1, np.int64)
     sight = np.zeros((SIGHT_ROWS, 1))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
+            b, data, faults, streams, thrusters, constants, networks, starts,
+            inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
 
@@ -192,7 +191,10 @@ def _fly_block(
 
 @njit(forceinline=True)
 def _draw(b, data, streams, words, n):
-    """Random words of the period, (6 + n / 2) of them: twelve normal numbers for the sensors, then one uniform for each thruster."""
+    """Random words of the period, 6 + n / 2 of them.
+
+    They give twelve normal numbers for the sensors, then one uniform number for each thruster.
+    """
     for block in range((6 + (n + 1) // 2 + 3) // 4):
         for w in range(words.shape[1]):
             words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
@@ -211,9 +213,10 @@ def _draw(b, data, streams, words, n):
 def _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n):
     """Sort out the faults of a block for one period.
 
-    What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft with a fault that begins, ends or varies within
-    the period are marked in the clock. Returns how many nodes a piece needs (one if everything is constant in it) and the number of the last slot in use in a
-    marked craft, from 1 (0 if none is marked).
+    What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft
+    with a fault that begins, ends or varies within the period are marked in the clock. Returns how many nodes
+    a piece needs (one if everything is constant in it) and the number of the last slot in use in a marked
+    craft, from 1 (0 if none is marked).
     """
     lanes = clock.shape[1]
     busy_slots, smooth, faulty = 0, dynamic, False
@@ -268,9 +271,10 @@ def _apply_steady_faults(b, w, faults, start, period, node_count, columns, nodes
 
 @njit(forceinline=True)
 def _parts(s, used, period, max_substep, corners, clock):
-    """Length of piece ``s`` of each craft, and into how many equal parts it goes; returns the most of these, 0 if no craft has such a piece.
+    """Length of piece ``s`` of each craft, and into how many equal parts it goes.
 
-    A piece is one part, unless a fault that ramps or waves bends the thrust: then a part is no longer than a sub-step.
+    Returns the most of these, 0 if no craft has such a piece. A piece is one part, unless a fault that ramps
+    or waves bends the thrust: then a part is no longer than a sub-step.
     """
     most, longest = 1.0, 0.0
     for w in range(clock.shape[1]):
@@ -287,7 +291,7 @@ def _parts(s, used, period, max_substep, corners, clock):
 
 @njit(forceinline=True)
 def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, changes, words, valves, state):
-    """Opening and closing times in the period, carry-over from the last one, strength with scatter, nominal duration."""
+    """Opening and closing times in the period, carry-over, strength with scatter, nominal duration."""
     n, lanes = thrusters.shape[1], state.shape[1]
     period, dry_mass = constants[at.PERIOD], constants[at.DRY_MASS]
     for i in range(n):
@@ -335,7 +339,7 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, ch
 
 @njit(forceinline=True)
 def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
-    """What the period left behind: delivered on-times, impulse, open time, and the valves as the next period finds them."""
+    """What the period left behind: delivered on-times, impulse, open time, and the state of the valves."""
     lanes = state.shape[1]
     for i in range(n):
         minimum = thrusters[at.MINIMUM_PULSE, i]
@@ -366,7 +370,7 @@ def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
 
 @njit
 def _late_openings(b, w, faults, data, period, valves, n):
-    """Put back the opening of the valves that open late, unless the valve was held open from the period before."""
+    """Put off the opening of the valves that open late, unless they were held open from before."""
     start = data[b, at.STEP, w] * period
     for k in range(faults.shape[2]):
         fault = faults[b, w, k]
@@ -451,7 +455,10 @@ def _follow_changes(b, faults, clock, node_count, nodes, n):
 
 @njit
 def _next_change(b, w, faults, t):
-    """Until when what the faults make of a craft's thrusters stays as it is at ``t``, s of the episode; ``t`` itself while something varies smoothly."""
+    """Until when the faults of a craft stay as they are at ``t``, s of the episode.
+
+    It is ``t`` itself while one of them varies smoothly.
+    """
     until = math.inf
     for k in range(faults.shape[2]):
         if faults[b, w, k, code.FIELD_KIND] > 0.0:
@@ -461,7 +468,10 @@ def _next_change(b, w, faults, t):
 
 @njit
 def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
-    """Floor, slope and gain of the faulty thrusters of a craft between two moments: stuck open, then leaking, then blocked or lossy."""
+    """Floor, slope and gain of the faulty thrusters of a craft between two moments.
+
+    Stuck open comes first, then leaking, then blocked or lossy.
+    """
     used = 0
     for k in range(faults.shape[2]):
         if faults[b, w, k, code.FIELD_KIND] > 0.0:
@@ -488,9 +498,10 @@ def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
 
 @njit(forceinline=True)
 def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums):
-    """Thrust of each thruster through the shared feed, and the body wrench, mass flow and number of open valves, at each node.
+    """Thrust of each thruster through the shared feed, and its sums, at each node.
 
-    Thrusters are taken four at a time: the sums then go through memory a quarter as often.
+    The sums are the body wrench, the mass flow and the number of open valves. Thrusters are taken four at a
+    time: the sums then go through memory a quarter as often.
     """
     n, lanes = thrusters.shape[1], sums.shape[1]
     fours = n - n % 4
@@ -588,7 +599,8 @@ def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
 def _schedule(max_substep, clock, node_count, sums, schedule, cursor):
     """Cut the piece of each craft into its own number of equal sub-steps and add them to its schedule.
 
-    Craft have their pieces at different times; with a schedule of its own each one takes only the sub-steps that it needs.
+    Craft have their pieces at different times; with a schedule of its own each one takes only the sub-steps
+    that it needs.
     """
     for w in range(clock.shape[1]):
         length = clock[_LENGTH, w]
@@ -611,7 +623,7 @@ def _schedule(max_substep, clock, node_count, sums, schedule, cursor):
 
 @njit(forceinline=True)
 def _quadratic(sums, w, k, s):
-    """Sum ``k`` of lane ``w`` at the share ``s`` of the piece; exactly the start value when all three nodes are equal."""
+    """Sum ``k`` of lane ``w`` at the share ``s`` of the piece; exact when all three nodes are equal."""
     a = sums[k, w]
     m, z = sums[_SUMS + k, w] - a, sums[2 * _SUMS + k, w] - a
     return a + s * ((4.0 * m - z) + 2.0 * s * (z - 2.0 * m))
@@ -619,7 +631,10 @@ def _quadratic(sums, w, k, s):
 
 @njit(forceinline=True)
 def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state):
-    """Move the craft of the block through their schedules; those with fewer sub-steps wait (their last ones have no length)."""
+    """Move the craft of the block through their schedules.
+
+    Those with fewer sub-steps wait: their last ones have no length.
+    """
     lanes = state.shape[1]
     most = 0
     for w in range(lanes):
@@ -649,7 +664,10 @@ def _substep(
     state, w, h, n, inertia, inverse, radius,
     force_0, force_m, force_1, torque_0, torque_m, torque_1, flow_0, flow_m, flow_1,
 ):  # fmt: skip
-    """One sub-step of one craft; forces and torques in the body at its start, middle and end, N and N m, mass flow in kg/s."""
+    """One sub-step of one craft.
+
+    Forces and torques in the body at its start, middle and end are in N and N m, mass flow in kg/s.
+    """
     rate = (state[_W, w], state[_W + 1, w], state[_W + 2, w])
     quarter, middle, end = rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h)
     q = (state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w])

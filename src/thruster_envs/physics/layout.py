@@ -1,8 +1,9 @@
 """Where everything stands in the arrays that the compiled kernels share.
 
-A batch of craft is one float64 array ``data`` of shape (blocks, fields, lanes): the craft of block ``b`` and lane ``l`` is number
-``b * lanes + l`` (world-major: ``world * number_of_craft + craft``). A block is contiguous, so a kernel that goes from block to block streams
-through memory whatever the size of the batch. Fields are in SI units; the per-thruster ones come last, ``n`` rows each.
+A batch of craft is one float64 array ``data`` of shape (blocks, fields, lanes): the craft of block ``b`` and
+lane ``l`` is number ``b * lanes + l`` (world-major: ``world * number_of_craft + craft``). A block is
+contiguous, so a kernel that goes from block to block streams through memory whatever the size of the batch.
+Fields are in SI units; the per-thruster ones come last, ``n`` rows each.
 """
 
 from dataclasses import dataclass
@@ -27,8 +28,8 @@ EXPECTED_CHANGE = 35  # 6, the same as the nominal vehicle would have given
 IMPULSE = 41  # 6, what the thrusters gave in the last period: N s and N m s, body axes
 SCALARS = 47
 
-# A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that the thruster would give if its thrust
-# were turned by a right angle towards the fault's azimuth.
+# A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that
+# the thruster would give if its thrust were turned by a right angle towards the fault's azimuth.
 FAULT_TILTED = len(FAULT_FIELDS)
 FAULT_WIDTH = FAULT_TILTED + 6
 
@@ -44,7 +45,8 @@ SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
 VELOCITY_DRIFT = 10  # 18: lower half of the HCW transition matrix over one period, row by row
 CONSTANTS = 28
 
-# Rows of ``streams`` (blocks, STREAM_ROWS, lanes), uint64: the randomness of a craft is a function of these and of its STEP.
+# Rows of ``streams`` (blocks, STREAM_ROWS, lanes), uint64: the randomness of a craft is a function of these
+# and of its STEP.
 KEY_LOW, KEY_HIGH, EPISODE, CRAFT = 0, 1, 2, 3
 STREAM_ROWS = 4
 
@@ -67,7 +69,10 @@ class Layout:
 
     @property
     def held(self) -> int:
-        """First row of the runs: 0, or where the command lasted to the end of the period 1 plus the opening delay still to come, s."""
+        """First row of the runs: 0, or 1 plus the opening delay still to come, s.
+
+        A valve is in a run where its command lasted to the end of the period.
+        """
         return SCALARS + 2 * self.thrusters
 
     @property
@@ -82,7 +87,7 @@ class Layout:
 
     @property
     def columns(self) -> int:
-        """First row of the true wrenches, thruster by thruster, 6 rows each: N and N m at full nominal thrust."""
+        """First row of the true wrenches, 6 rows for each thruster: N and N m at full nominal thrust."""
         return SCALARS + 5 * self.thrusters
 
     @property

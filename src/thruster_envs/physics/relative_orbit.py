@@ -1,9 +1,11 @@
-"""Relative translation about a circular orbit: the Hill-Clohessy-Wiltshire equations and the full two-body relative motion.
+"""Relative translation about a circular orbit: Hill-Clohessy-Wiltshire and full two-body motion.
 
-Frame: LVLH, x radial (outward), y along-track, z cross-track, origin on a circular orbit of mean motion ``n``; positions in m, specific forces
-in m/s^2. Leaves out J2, drag, solar pressure and eccentric reference orbits.
+Frame: LVLH, x radial (outward), y along-track, z cross-track, origin on a circular orbit of mean motion
+``n``; positions in m, specific forces in m/s^2. Leaves out J2, drag, solar pressure and eccentric reference
+orbits.
 
-Sources: Clohessy and Wiltshire 1960; Yang 2003, section 6.1; Alfriend et al. 2010, "Spacecraft Formation Flying", eqs. 4.14-4.16.
+Sources: Clohessy and Wiltshire 1960; Yang 2003, section 6.1; Alfriend et al. 2010, "Spacecraft Formation
+Flying", eqs. 4.14-4.16.
 """
 
 import math
@@ -21,7 +23,7 @@ def orbit_radius(mean_motion: float, mu: float = EARTH_MU) -> float:
 
 
 def transition_matrix(mean_motion: float, time: float) -> np.ndarray:
-    """Closed-form state transition matrix (6, 6) of the Hill-Clohessy-Wiltshire equations over ``time`` seconds, free motion."""
+    """State transition matrix (6, 6) of the Hill-Clohessy-Wiltshire equations over ``time`` seconds."""
     n, t = mean_motion, time
     s, c = math.sin(n * t), math.cos(n * t)
     return np.array(
@@ -44,9 +46,10 @@ def hill_acceleration(r, v, n):
 
 @njit(forceinline=True)
 def two_body_acceleration(r, v, n, radius):
-    """Free relative acceleration (m/s^2) of two-body motion about a circular orbit of that radius (m), without cancellation.
+    """Free relative acceleration (m/s^2) of two-body motion about a circular orbit of that radius (m).
 
-    With ``1 + e`` the squared distance to the planet over ``radius**2``, the factor ``1 - (1 + e)**(-3/2)`` is formed from ``e`` itself.
+    Without cancellation: with ``1 + e`` the squared distance to the planet over ``radius**2``, the factor
+    ``1 - (1 + e)**(-3/2)`` is formed from ``e`` itself.
     """
     e = (2.0 * r[0] + (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / radius) / radius
     s = (1.0 + e) ** 0.5
@@ -62,7 +65,10 @@ def two_body_acceleration(r, v, n, radius):
 
 @njit(forceinline=True)
 def free_acceleration(r, v, n, radius):
-    """Free relative acceleration: Hill's equations when ``radius`` is None (decided when the kernel is compiled), else two-body."""
+    """Free relative acceleration: by Hill's equations when ``radius`` is None, else two-body.
+
+    Which of the two is decided when the kernel is compiled.
+    """
     if radius is None:
         return hill_acceleration(r, v, n)
     return two_body_acceleration(r, v, n, radius)
@@ -70,7 +76,10 @@ def free_acceleration(r, v, n, radius):
 
 @njit(forceinline=True)
 def translation_step(r, v, f0, fm, f1, n, radius, h):
-    """One RK4 step; thrust specific force in LVLH at the start, middle and end of the step. Returns position and velocity."""
+    """Position and velocity after one RK4 step.
+
+    The specific force of the thrust is given at the start, the middle and the end of the step, in LVLH.
+    """
     a1 = _sum(free_acceleration(r, v, n, radius), f0)
     v2 = _along(v, 0.5 * h, a1)
     a2 = _sum(free_acceleration(_along(r, 0.5 * h, v), v2, n, radius), fm)

@@ -1,9 +1,11 @@
-"""What a craft's navigation says of it: noisy relative position and velocity, attitude and rate, and the rate change that follows from them.
+"""What a craft's navigation says of it: a noisy state, and the rate change that follows from it.
 
-Models white Gaussian noise of a stated size on each axis, independent from one control period to the next (Yang 2003, section 6.4: carrier-phase
-differential GPS). The *measured rate change* of a period is the difference of two consecutive velocity measurements less what free motion
-would have done in between (orbital drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would have
-given for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out biases, time correlation and drop-outs.
+Models white Gaussian noise of a stated size on each axis, independent from one control period to the next
+(Yang 2003, section 6.4: carrier-phase differential GPS). The *measured rate change* of a period is the
+difference of two consecutive velocity measurements less what free motion would have done in between (orbital
+drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would have given
+for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out biases, time
+correlation and drop-outs.
 """
 
 from numba import njit
@@ -15,7 +17,10 @@ from thruster_envs.random import normal_pair
 
 @njit(forceinline=True)
 def measure(truth, noise, constants):
-    """Thirteen measured numbers (position, velocity, attitude, rate) from the true ones and twelve standard normal numbers."""
+    """Thirteen measured numbers from the true ones and twelve standard normal numbers.
+
+    They are position, velocity, attitude and rate.
+    """
     a, b = constants[at.SIGMA_POSITION], constants[at.SIGMA_VELOCITY]
     c, d = 0.5 * constants[at.SIGMA_ATTITUDE], constants[at.SIGMA_RATE]
     q = quaternion_product(
@@ -40,7 +45,7 @@ def measure(truth, noise, constants):
 
 @njit(forceinline=True)
 def measured_change(before, after, constants, inertia, inverse):
-    """Rate change of a period in body axes, m/s and rad/s, from the measurements at its two ends, free motion removed."""
+    """Rate change of a period in body axes, m/s and rad/s, from two measurements, free motion removed."""
     period, k = constants[at.PERIOD], at.VELOCITY_DRIFT
     x, y, z, u, v, w = before[0], before[1], before[2], before[3], before[4], before[5]
     drift = (
@@ -80,15 +85,17 @@ def write_measurement(b, w, data, measured):
     data[b, m + 11, w], data[b, m + 12, w] = measured[11], measured[12]
 
 
-# Rows of a block's scratch: normal numbers, the measurement before and after the period, the rate change in between.
+# Rows of a block's scratch: normal numbers, the measurement before and after the period, the rate change in
+# between.
 _NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
 
 
 @njit(forceinline=True)
 def look(b, data, constants, inertia, inverse, words, state, sight):
-    """Measure every craft of a block after a period, and form the measured rate change, from the first six random words of each lane.
+    """Measure every craft of a block after a period, and form the measured rate change.
 
-    ``state`` (14, lanes) is the true state, ``sight`` (SIGHT_ROWS, lanes) scratch.
+    The noise comes from the first six random words of each lane. ``state`` (14, lanes) is the true state,
+    ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
     lanes = sight.shape[1]
     for k in range(6):
@@ -138,10 +145,10 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
 
 @njit(forceinline=True)
 def expected_change(b, data, constants, thrusters, durations, first_row, sight):
-    """Rate change that the nominal vehicle gives for the commanded pulses, all starting together, feed coupling included.
+    """Rate change that the nominal vehicle gives for the commanded pulses, feed coupling included.
 
-    A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one; ``durations`` holds ``u`` from ``first_row`` on, ``sight``
-    is scratch.
+    All pulses start together. A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one;
+    ``durations`` holds ``u`` from ``first_row`` on, ``sight`` is scratch.
     """
     n, lanes = thrusters.shape[1], durations.shape[1]
     coupling = constants[at.COUPLING]
