@@ -142,6 +142,13 @@ def test_an_unknown_argument_is_refused_by_naming_the_nearest(identifier):
         gym.make(identifier, observe_faults=True)
     with pytest.raises(ValueError, match="observe_fault"):
         gym.make_vec(identifier, num_envs=2, observe_faults=True)
+    with pytest.raises(ValueError, match="did you mean 'autoreset_mode'"):
+        gym.make_vec(identifier, num_envs=2, autoreset="SameStep")
+
+
+def test_how_many_craft_are_commanded_is_not_to_be_chosen_where_there_is_one_agent():
+    with pytest.raises(ValueError, match="commanded is always 1"):
+        gym.make("thruster_envs/FormationKeeping-v0", commanded=2)
 
 
 @pytest.mark.parametrize(

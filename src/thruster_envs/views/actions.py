@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ def _has_command(allocation: _Allocation) -> None:
         )
 
 
-class MapperAction(gym.ActionWrapper[Any, Any, Any]):
+class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
     """The action is a body rate change, of which the mapper makes duties.
 
     Box [-1, 1] (6,), in shares of the vehicle's authority per axis.
@@ -82,7 +83,8 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any]):
     """
 
     def __init__(self, env: gym.Env[Any, Any], mapper: Mapper) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, mapper=mapper)
+        gym.ActionWrapper.__init__(self, env)
         self._allocation = _Allocation(env, mapper)
         self.action_space = spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
 
@@ -106,7 +108,7 @@ class VectorMapperAction(VectorWrapper):
         return self.env.step(self._allocation.from_rate_change(_finite(actions, self.env.num_envs, 6)))
 
 
-class BeliefAction(gym.Wrapper[Any, Any, Any, Any]):
+class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """The action is the believed health of each thruster, with which the mapper allocates the command.
 
     Box [-1, 1] (n,), meaning 0..1.
@@ -121,7 +123,8 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gym.Env[Any, Any], mapper: Mapper, *, observe_belief: bool = True) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, mapper=mapper, observe_belief=observe_belief)
+        gym.Wrapper.__init__(self, env)
         self._allocation, self._observe = _Allocation(env, mapper), observe_belief
         _has_command(self._allocation)
         n = self._allocation.thrusters

@@ -130,7 +130,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
     def __init__(
         self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
     ) -> None:
-        self.task = make_task(FormationKeeping, configuration, {})
+        self.task = make_task(FormationKeeping, configuration, {}, ("max_cycles", "render_mode"))
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)

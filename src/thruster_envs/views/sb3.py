@@ -151,7 +151,9 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         threads: int | None = None,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(FormationKeeping, configuration, {})
+        self.task = make_task(
+            FormationKeeping, configuration, {}, ("num_worlds", "max_episode_steps", "threads")
+        )
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_worlds, max_episode_steps=limit, threads=threads)
         self.craft = len(self.task.agents)

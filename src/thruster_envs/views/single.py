@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -31,7 +33,7 @@ class TaskEnv(gym.Env[Observation, Any]):
     fixed: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, *, render_mode: str | None = None, **configuration: Any) -> None:
-        self.task = make_task(self.task_type, configuration, self.fixed)
+        self.task = make_task(self.task_type, configuration, self.fixed, ("render_mode",))
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
         self.observation_space = observation_space(self.task)
@@ -100,8 +102,27 @@ class TaskEnv(gym.Env[Observation, Any]):
         self._camera.close()
 
 
-def make_task(task_type: type[Task], configuration: dict[str, Any], fixed: dict[str, Any]) -> Task:
-    """The task's configuration from keyword arguments; an unknown one is refused by naming the nearest."""
+def make_task(
+    task_type: type[Task], configuration: dict[str, Any], fixed: dict[str, Any], others: tuple[str, ...]
+) -> Task:
+    """The task's configuration from keyword arguments.
+
+    Args:
+        task_type: Whose configuration.
+        configuration: What the user gave.
+        fixed: What is not for the user to choose.
+        others: Names of the arguments that the view takes beside the configuration.
+
+    Raises:
+        ValueError: An unknown name, with the nearest known one, or one that is fixed.
+    """
+    names = [field.name for field in fields(task_type) if field.init]
+    for key in configuration:
+        if key in fixed:
+            raise ValueError(f"{key} is always {fixed[key]!r} here; leaving it out would be right")
+        nearest = get_close_matches(key, [*others, *names], n=1)
+        if key not in names and nearest and nearest[0] in others:
+            raise ValueError(f"{task_type.__name__}: unknown key {key!r}; did you mean {nearest[0]!r}?")
     return from_mapping(task_type, configuration | fixed, task_type.__name__)
 
 

@@ -18,6 +18,7 @@ from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds, checked_seed
 
 Observations = NDArray[np.float32]
+_ARGUMENTS = ("num_envs", "max_episode_steps", "render_mode", "autoreset_mode", "threads")
 
 
 class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
@@ -62,7 +63,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         **configuration: Any,
     ) -> None:
         check_whole("num_envs", num_envs, 1, MOST_WORLDS)
-        self.task = make_task(self.task_type, configuration, self.fixed)
+        self.task = make_task(self.task_type, configuration, self.fixed, _ARGUMENTS)
         self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
         self.set_autoreset_mode(autoreset_mode)
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
