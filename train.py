@@ -77,14 +77,15 @@ class Configuration:
     """Threads of torch. Another number may give other last digits."""
     name: str = "mapping"
     """End of the run folder's name."""
-    runs: Path = Path("runs")
+    runs: str = "runs"
     """Where run folders are made."""
-    results: Path | None = None
+    results: str | None = None
     """Also write the table to this Markdown file, with the command that makes it."""
-    resume: Path | None = None
+    resume: str | None = None
     """Folder of an interrupted run to go on with, in its own configuration; other options are not taken."""
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Raise ValueError, one line, for a value that cannot be."""
         for name in (
             "seeds",
             "worlds",
@@ -149,7 +150,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit status."""
     console = Console()
     try:
-        chosen = tyro.cli(Configuration, args=arguments, description=Configuration.__doc__)
+        chosen = tyro.cli(Configuration, prog="train.py", args=arguments, description=Configuration.__doc__)
         configuration, run = begin(chosen)
         spacecraft = load(configuration.spacecraft)
     except ValueError as error:
@@ -219,27 +220,27 @@ def learn_and_compare(
     spent = ", ".join(f"{seconds[form]:.0f} s on {form}" for form in forms)
     console.print(f"trained {spent}; pictures, metrics and models in {run.path}", highlight=False)
     if configuration.results is not None:
-        command = "python train.py " + " ".join(sys.argv[1:])
         as_markdown(
-            configuration.results,
+            Path(configuration.results),
             rows,
             SCENARIOS,
             configuration.test_worlds,
             configuration.seeds,
-            command.strip(),
+            command(configuration),
         )
     return rows
 
 
 def begin(chosen: Configuration) -> tuple[Configuration, RunFolder]:
     """A new run folder with its configuration, or that of the run to go on with."""
+    chosen.check()
     if chosen.resume is None:
         load(chosen.spacecraft)
-        run = new_run(chosen.runs, chosen.name)
-        run.write("config.json", _plain(chosen))
+        run = new_run(Path(chosen.runs), chosen.name)
+        run.write("config.json", dataclasses.asdict(chosen))
         run.write("versions.json", versions())
         return chosen, run
-    run = RunFolder(chosen.resume)
+    run = RunFolder(Path(chosen.resume))
     stored = from_mapping(Configuration, run.read("config.json"), str(run.file("config.json")))
     for one in dataclasses.fields(Configuration):
         given, default = getattr(chosen, one.name), one.default
@@ -258,10 +259,14 @@ def begin(chosen: Configuration) -> tuple[Configuration, RunFolder]:
     return stored, run
 
 
-def _plain(configuration: Configuration) -> dict[str, Any]:
-    return {
-        name: str(value) if isinstance(value, Path) else value for name, value in vars(configuration).items()
-    }
+def command(configuration: Configuration) -> str:
+    """The command that makes a run, with the options that are not the defaults."""
+    given = (
+        f" --{one.name.replace('_', '-')} {getattr(configuration, one.name)}"
+        for one in dataclasses.fields(Configuration)
+        if getattr(configuration, one.name) != one.default
+    )
+    return "python train.py" + "".join(given)
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """Facts of the table: who is above whom, and why nobody is above the oracle."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def test_the_oracle_is_the_ceiling_for_every_single_command(methods, orion, scen
 
 
 def test_the_oracle_is_the_ceiling_with_every_kind_of_constant_fault(methods, orion):
-    """A thruster that is stuck open or leaks acts without being asked: the oracle maps what is left of the command."""
+    """What acts without being asked (stuck open, a leak) is taken off the command before it is mapped."""
     kinds = {"probability": 1.0, "kinds": ["stuck_off", "stuck_on", "loss", "leak", "misalignment"]}
     scenario = type(HEALTHY)("kinds", "kinds", kinds | {"count": [1, 3]})
     best = play(methods["oracle"], scenario, SEEDS, orion).rewards
@@ -43,7 +45,7 @@ def test_without_faults_the_blind_mapper_is_the_oracle(methods, orion):
 def test_who_knows_more_does_better(methods, orion, scenario):
     order = ["oracle", "response_test", "blind", "minimum_norm", "crude", "nothing"]
     scores = [play(methods[key], scenario, SEEDS, orion).scores.mean() for key in order]
-    assert all(above > below for above, below in zip(scores, scores[1:], strict=False)), scores
+    assert all(above > below for above, below in pairwise(scores)), scores
 
 
 def test_degenerate_policies_score_nothing(methods, orion):
@@ -89,6 +91,6 @@ def test_the_interval_covers_as_often_as_it_says():
 
 def test_seeds_for_training_validation_and_test_are_disjoint():
     sets = [TRAIN, VALIDATION, TEST]
-    assert all(first.stop <= second.start for first, second in zip(sets, sets[1:], strict=False))
+    assert all(first.stop <= second.start for first, second in pairwise(sets))
     with pytest.raises(ValueError, match="from 0 to 3905 would be right"):
         first_training_seed(3906, worlds=256)

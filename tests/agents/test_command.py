@@ -1,0 +1,132 @@
+"""The command `train.py`: what it leaves, what it refuses, and that it goes on after an interruption."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thruster_agents
+import train
+from thruster_agents.evaluation import FAULTS, play
+from thruster_agents.evaluation.methods import Learned
+from thruster_agents.run_folders import RunFolder
+from thruster_agents.seeds import TEST
+
+TASK = "thruster_envs/ThrusterMapping-v0"
+TINY = [
+    *("--worlds", "8", "--belief-steps", "768", "--duty-steps", "512", "--test-worlds", "20"),
+    *("--validation-worlds", "4", "--checkpoint-every", "1", "--validate-every", "1"),
+]
+ROWS = [
+    *("oracle", "ppo_beliefs", "ppo_duties", "response_test", "blind", "minimum_norm", "crude", "nothing"),
+    "random",
+]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A finished run, tiny."""
+    parent = tmp_path_factory.mktemp("runs")
+    results = parent / "results.md"
+    assert train.main([*TINY, "--runs", str(parent), "--results", str(results), "--name", "tiny"]) == 0
+    (folder,) = (path for path in parent.iterdir() if path.is_dir())
+    return folder
+
+
+def test_a_run_leaves_everything_that_tells_what_it_was(run):
+    assert run.name.endswith("-tiny")
+    config, versions, metrics = (
+        json.loads((run / f"{name}.json").read_text()) for name in ("config", "versions", "metrics")
+    )
+    assert config["belief_steps"] == 768
+    assert {"python", "torch", "thruster-envs", "numpy"} <= versions.keys()
+    assert [row["key"] for row in metrics["rows"]] == ROWS
+    assert [point[0] for point in metrics["curves"]["beliefs"][0]] == [0, 256, 512, 768]
+    for name in ("learning_curve.png", "comparison.png"):
+        assert (run / name).read_bytes().startswith(b"\x89PNG")
+    for form in ("beliefs-0", "duties-0"):
+        assert (run / form / "model.zip").exists()
+        assert list((run / "tensorboard" / form).glob("events.*"))
+    page = (run.parent / "results.md").read_text()
+    assert page.count("\n| ") == len(ROWS) + 1
+    assert "python train.py" in page
+
+
+def test_a_trained_policy_is_loaded_and_scores_what_the_table_says(run, orion):
+    metrics = json.loads((run / "metrics.json").read_text())
+    for method in ("beliefs", "duties"):
+        policy = thruster_agents.load(TASK, method, runs=run.parent)
+        learned = Learned(policy.model, policy.form, "")
+        score = play(learned, FAULTS, TEST[:20], orion).scores.mean()
+        (row,) = (row for row in metrics["rows"] if row["key"] == f"ppo_{method}")
+        assert score == row["cells"]["faults"]["score"]
+        env = policy.make_vec(3)
+        observations, _ = env.reset(seed=0)
+        assert env.single_action_space.contains(policy.act(observations)[0].clip(-1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("other-v0",), "task_id is 'other-v0'; 'thruster_envs/ThrusterMapping-v0' would be right"),
+        ((TASK, "belief"), "method is 'belief'; 'beliefs' or 'duties' would be right"),
+    ],
+)
+def test_what_was_never_trained_is_not_loaded(run, arguments, line):
+    with pytest.raises(ValueError, match=line):
+        thruster_agents.load(*arguments, runs=run.parent)
+    with pytest.raises(ValueError, match="has no finished run"):
+        thruster_agents.load(TASK, runs=run)
+    with pytest.raises(ValueError, match="does not exist"):
+        thruster_agents.load(TASK, run=run, seed=7)
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (["--worlds", "0"], "worlds is 0; 1 or more would be right"),
+        (["--spacecraft", "orin"], "orin"),
+        (["--discount", "1.5"], "discount is 1.5; a number from 0 to 1 would be right"),
+        (["--learning-rate", "nan"], "learning_rate is nan; a number above 0 and below 10 would be right"),
+        (["--seed", "4000"], "seed is 4000; with 256 worlds, a whole number from 0 to 3905 would be right"),
+        (["--belief-steps", "0", "--duty-steps", "0"], "belief_steps is 0; a number above 0"),
+        (["--name", "a/b"], "name is 'a/b'; letters, digits, - and _ would be right"),
+        (["--resume", "nowhere"], "nowhere has no config.json; the folder of a run"),
+    ],
+)
+def test_a_bad_option_gets_one_clear_line(options, line, tmp_path, capsys):
+    assert train.main([*options, "--runs", str(tmp_path / "runs")]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_another_option_does_not_go_with_resume(run, capsys):
+    assert train.main(["--resume", str(run), "--worlds", "16"]) == 2
+    assert "--worlds is 16 with --resume" in capsys.readouterr().err
+
+
+def test_a_killed_run_goes_on_to_the_same_result(run, tmp_path):
+    """kill -9 as soon as there is a checkpoint of the second policy; the same metrics, to the last digit."""
+    command = [sys.executable, "train.py", *TINY, "--name", "killed", "--runs", str(tmp_path)]
+    with subprocess.Popen(command, cwd=Path(train.__file__).parent, stdout=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 240.0
+        while not list(tmp_path.glob("*/duties-0/checkpoint.pt")) and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        os.kill(process.pid, signal.SIGKILL)
+    (folder,) = tmp_path.iterdir()
+    assert train.main(["--resume", str(folder)]) == 0
+    assert RunFolder(folder).read("metrics.json") == RunFolder(run).read("metrics.json")
+    from stable_baselines3 import PPO
+
+    for form in ("beliefs-0", "duties-0"):
+        first, second = (PPO.load(one / form / "model.zip").policy.state_dict() for one in (run, folder))
+        assert all(np.array_equal(first[name], second[name]) for name in first)
