@@ -18,7 +18,7 @@ __all__ = ["as_markdown", "as_table"]
 def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, policies: int = 1) -> Table:
     """For the terminal: in each cell the mean score, the share of the way, and below them the interval."""
     table = Table(
-        title="ThrusterMapping-v0 on held-out seeds: score, share of the way to the oracle",
+        title="ThrusterMapping-v0 on held-out seeds: score, % of the way to the oracle",
         caption=_caption(episodes, policies),
         caption_justify="left",
         box=SIMPLE_HEAD,
@@ -30,7 +30,7 @@ def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, 
         table.add_column(scenario.title, justify="right", no_wrap=True)
     for row in rows:
         cells = (row.cells[scenario.name] for scenario in scenarios)
-        shown = (f"{one.score:.3f} {100.0 * one.way:5.1f} %\n[dim]{_interval(one)}[/dim]" for one in cells)
+        shown = (f"{one.score:.3f} {100.0 * one.way:5.1f}\n[dim]{_interval(one)}[/dim]" for one in cells)
         table.add_row(row.title, row.sees, *shown, style="bold" if row.key.startswith("ppo") else None)
     return table
 
