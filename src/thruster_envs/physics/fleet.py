@@ -34,9 +34,9 @@ FloatArray = NDArray[np.float64]
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
 
-#: Length of the longest integration sub-step, s: errors stay a thousand times below Orion's sensor noise over
-#: half an orbit.
-DEFAULT_SUBSTEP = 1.0
+#: Unless a longest sub-step is asked for, a craft turns by no more than this (rad) in one sub-step, though none
+#: is cut shorter than this (s): errors then stay a thousand times below Orion's sensor noise over half an orbit.
+TURN_LIMIT, SHORT_SUBSTEP = 0.05, 0.5
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Fleet:
         craft: Number of craft in each world.
         slots: Faults that one craft can have at once.
         nonlinear: Full two-body relative motion instead of Hill's equations.
-        max_substep: Longest integration sub-step, s.
+        max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
 
@@ -75,7 +75,7 @@ class Fleet:
         *,
         slots: int = 4,
         nonlinear: bool = False,
-        max_substep: float = DEFAULT_SUBSTEP,
+        max_substep: float | None = None,
         threads: int | None = None,
     ) -> None:
         announce_compilation()
@@ -256,10 +256,15 @@ def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
 STANDARD_GRAVITY = 9.80665
 
 
-def _scalar_constants(spacecraft: Spacecraft, max_substep: float) -> FloatArray:
+def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> FloatArray:
     """(CONSTANTS,): the vehicle's scalars that the kernels read."""
     values = np.zeros(at.CONSTANTS)
-    values[at.PERIOD], values[at.MAX_SUBSTEP] = spacecraft.control_period, max_substep
+    period = spacecraft.control_period
+    values[at.PERIOD], values[at.MAX_SUBSTEP] = period, period if max_substep is None else max_substep
+    values[at.TURN_LIMIT] = TURN_LIMIT if max_substep is None else np.inf
+    values[at.SHORT_SUBSTEP] = SHORT_SUBSTEP if max_substep is None else values[at.MAX_SUBSTEP]
+    values[at.WAVE_PART] = SHORT_SUBSTEP if max_substep is None else max_substep
+    values[at.SPIN_PER_TORQUE] = 1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
     values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
     values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
     values[at.NOMINAL_MASS] = spacecraft.mass
