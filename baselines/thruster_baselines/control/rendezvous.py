@@ -60,9 +60,9 @@ class RendezvousSettings:
     planned_thrusters: float = 2.0
     position_tolerance: float = 0.3
     velocity_tolerance: float = 0.003
-    detailed_steps: int = 60
-    replan_coasting: int = 20
-    replan_burning: int = 3
+    detailed_steps: int = 40
+    replan_coasting: int = 30
+    replan_burning: int = 4
     settling: int = 8
     quiet: int = 2
     dead_band: float = 0.05
