@@ -14,44 +14,62 @@ from thruster_agents.ppo.checkpoint import Point
 
 __all__ = ["draw_comparison", "draw_learning_curve"]
 
-_COLOURS = {"beliefs": "#1f6fb4", "duties": "#d2691e"}
 _LEARNED, _OTHER, _ORACLE = "#1f6fb4", "#9aa5b1", "#3c4650"
 
 
 def draw_learning_curve(
     path: Path, curves: Mapping[str, Sequence[Sequence[Point]]], lines: Mapping[str, float]
 ) -> None:
-    """Validation score over environment steps.
+    """Validation score over environment steps, a panel for each action form.
 
     Args:
         path: Of the PNG.
         curves: For each action form, the curves of its seeds.
-        lines: Scores to draw across, by their label.
+        lines: Scores to draw across, by their label, the best first.
     """
-    figure = Figure(figsize=(8.0, 4.6), layout="constrained")
-    axes = figure.add_subplot()
-    for form, seeds in curves.items():
-        for k, curve in enumerate(seeds):
-            axes.plot(
+    figure = Figure(figsize=(5.6 * len(curves) + 0.8, 4.4), layout="constrained")
+    panels = figure.subplots(1, len(curves), squeeze=False)[0]
+    for panel, (form, seeds) in zip(panels, curves.items(), strict=True):
+        for curve in seeds:
+            panel.plot(
                 [point.steps / 1000 for point in curve],
                 [point.score for point in curve],
-                color=_COLOURS[form],
-                linewidth=2.0 if len(seeds) == 1 else 1.0,
-                label=f"PPO on {form}" if k == 0 else None,
+                color=_LEARNED,
+                linewidth=2.2 if len(seeds) == 1 else 1.2,
             )
-    for k, (label, score) in enumerate(lines.items()):
-        axes.axhline(
-            score, color=_ORACLE, linewidth=1.0, linestyle=("-", "--", ":", "-.")[k % 4], label=label
+        lowest = min(point.score for curve in seeds for point in curve)
+        highest = max(lines.values(), default=lowest)
+        reach = max(highest - lowest, 1e-3)
+        shown = {label: score for label, score in lines.items() if score > lowest - 0.15 * reach}
+        heights = _apart(list(shown.values()), 0.055 * 1.3 * reach)
+        for height, (label, score) in zip(heights, shown.items(), strict=True):
+            panel.axhline(score, color=_OTHER, linewidth=1.0, zorder=0)
+            panel.annotate(
+                label,
+                (1.01, height),
+                xycoords=("axes fraction", "data"),
+                va="center",
+                fontsize=8.5,
+                color=_ORACLE,
+                annotation_clip=False,
+            )
+        panel.set(
+            xlabel="environment steps, thousands",
+            title=f"PPO on {form}",
+            xlim=(0.0, None),
+            ylim=(max(lowest - 0.15 * reach, 0.0), highest + 0.15 * reach),
         )
-    axes.set(
-        xlabel="environment steps, thousands",
-        ylabel="mean score, faults drawn by the task",
-        title="Learning, on validation seeds",
-        xlim=(0.0, None),
-    )
-    _clean(axes)
-    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+        _clean(panel)
+    panels[0].set_ylabel("mean score with faults, validation seeds")
     _save(figure, path)
+
+
+def _apart(heights: Sequence[float], distance: float) -> list[float]:
+    """Heights for labels, falling, each at least that far below the one before."""
+    placed: list[float] = []
+    for height in heights:
+        placed.append(height if not placed else min(height, placed[-1] - distance))
+    return placed
 
 
 def draw_comparison(path: Path, rows: Sequence[Row], scenarios: Sequence[Scenario]) -> None:
