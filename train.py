@@ -43,13 +43,13 @@ class Configuration:
     """Of networks and training worlds."""
     seeds: int = 1
     """How many policies of each form to train, with seeds from `seed` on; the table is over all of them."""
-    belief_steps: int = 800_000
+    belief_steps: int = 600_000
     """Environment steps of PPO on beliefs; 0 leaves the row out."""
     duty_steps: int = 400_000
     """Environment steps of PPO on duties; 0 leaves the row out."""
     worlds: int = 256
     """Environments side by side; a rollout is one episode of 32 commands in each."""
-    learning_rate: float = 3e-3
+    learning_rate: float = 5e-3
     """Of PPO on beliefs at the start; falls linearly to 0."""
     duty_learning_rate: float = 1e-3
     """Of PPO on duties at the start; falls linearly to 0."""
@@ -61,7 +61,7 @@ class Configuration:
     """Discount per command: commands are independent of each other, only what is known of the fault lasts."""
     trace: float = 0.9
     """Decay of the advantage estimate (lambda of GAE)."""
-    exploration: float = 0.74
+    exploration: float = 0.37
     """Standard deviation of actions at the start, beliefs; wide, because the LP answers a belief in jumps."""
     duty_exploration: float = 0.4
     """Standard deviation of actions at the start, duties."""

@@ -1,13 +1,13 @@
 """A policy that diagnoses: one small network, the same for every thruster, says how healthy that thruster is.
 
-It reads, for each thruster, the last belief, the last duty, and how much on-time is missing: the expected
-minus the measured rate change, projected on that thruster. Weights are shared between thrusters, so that
-what is learned from the failure of one holds for all. The network gives a change of the last belief and the
-size of its own exploration noise; it starts near "no change" of a belief that every thruster is healthy,
-which is where the LP mapper stands that knows of no fault. The value network sees the whole observation.
+It reads, for each thruster, the last belief, the last duty, and how much on-time is missing: the expected minus
+the measured rate change, projected on that thruster. Weights are shared between thrusters, so that what is
+learned from the failure of one holds for all. The new belief is the last one, plus a gain times what the last
+firing says against it (the innovation), plus a change; gain, change and the size of the exploration noise are
+what the network gives. It starts near "no change" of a belief that every thruster is healthy, which is where the
+LP mapper stands that knows of no fault. The value network sees the whole observation.
 
-Left out: memory other than the belief itself, and any knowledge of geometry beyond what the observation
-projects.
+Left out: memory other than the belief itself, and any knowledge of geometry beyond what the observation projects.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class _Networks(nn.Module):
             nn.Tanh(),
             nn.Linear(hidden, hidden),
             nn.Tanh(),
-            nn.Linear(hidden, 2),
+            nn.Linear(hidden, 3),
         )
         self.critic = nn.Sequential(
             nn.Linear(observation_size + thrusters, value_hidden),
@@ -109,8 +109,10 @@ class _Networks(nn.Module):
     def forward_actor(self, observations: torch.Tensor) -> torch.Tensor:
         """(batch, 2 n): means, then logarithms of the noise."""
         features = self._features(observations)
-        change, log_std = self.actor(features).unbind(-1)
-        mean = features[..., 0] + change
+        change, log_std, gain = self.actor(features).unbind(-1)
+        belief, lost_share = features[..., 0], features[..., 3]
+        innovation = 1.0 - 2.0 * lost_share.clamp(0.0, 1.0) - belief
+        mean = belief + gain * innovation + change
         return torch.cat([mean, (self.log_std + log_std).clamp(_SMALLEST_LOG_STD, _LARGEST_LOG_STD)], dim=1)
 
     def forward_critic(self, observations: torch.Tensor) -> torch.Tensor:
