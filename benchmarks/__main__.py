@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
-import importlib.util
 import sys
 import time
 from pathlib import Path
@@ -15,11 +14,7 @@ from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
 
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
-SECTIONS = tuple(
-    name
-    for name in ("environments", "peers", "learning", "mapping")
-    if importlib.util.find_spec(f"benchmarks.{name}") is not None
-)
+SECTIONS = ("environments", "peers", "learning", "mapping")
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 
@@ -27,20 +22,21 @@ def run(names: list[str], effort: Effort) -> list[Section]:
     """Measure some sections, and print each as soon as it is there."""
     found = []
     for name in names:
-        print(f"{name}: measuring ...", end=" ", flush=True)
+        print(f"{name}: measuring", flush=True)
         start = time.perf_counter()
         section = importlib.import_module(f"benchmarks.{name}").measure(effort)
-        print(f"{time.perf_counter() - start:.0f} s")
+        print(f"{name}: {time.perf_counter() - start:.0f} s")
         print(section_as_text(section), flush=True)
         found.append(section)
     return found
 
 
-def write(sections: list[Section], folder: Path) -> Path:
+def write(sections: list[Section], folder: Path, effort: Effort) -> Path:
     """Write ``speed.md`` and ``speed.png``; profiles of missed targets are taken now."""
     folder.mkdir(parents=True, exist_ok=True)
     picture = folder / "speed.png"
-    text = report(sections, picture.name if draw(sections, picture) else None, share_of_core())
+    drawn = picture.name if draw(sections, picture) else None
+    text = report(sections, drawn, share_of_core(), processor_time=effort.processor_time)
     path = folder / "speed.md"
     path.write_text(text, encoding="utf-8")
     return path
@@ -70,7 +66,7 @@ def main(arguments: list[str]) -> None:
     if folder is None and not options.sections and not options.quick:
         folder = RESULTS
     if folder is not None:
-        print(f"Written: {write(sections, folder)}")
+        print(f"Written: {write(sections, folder, effort)}")
 
 
 if __name__ == "__main__":

@@ -99,7 +99,7 @@ PERIODS = 100
 
 def kernel_flight(*, move: bool = True) -> Callable[[], None]:
     """A hundred calls of the kernel for one craft, always from the same state."""
-    env = gym.make(TASK, faults=ONE_DEAD)
+    env: Any = gym.make(TASK, faults=ONE_DEAD)
     calm_flight(env)()
     fleet = env.unwrapped.worlds.fleet
     saved = fleet.state()

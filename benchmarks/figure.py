@@ -1,4 +1,4 @@
-"""The picture beside the report: steps per second of environments and peers, with targets, on a log scale."""
+"""The picture beside the report: bars of ours and of peers with the targets, on log scales."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from typing import Any
 
 from benchmarks.report import Row, Section, number
 
+MEANINGS = {"steps/s": "environment steps per second", "µs": "µs for one command (less is better)"}
 OURS, OTHERS, TARGET = "#1f6f8b", "#b7bdc2", "#c0392b"
 
 
 def draw(sections: Sequence[Section], path: Path) -> bool:
     """Write the figure; False if there is nothing to show."""
-    panels = [(section.title, _charted(section.rows)) for section in sections]
-    panels = [(title, rows) for title, rows in panels if rows]
+    panels = [
+        (section.title, unit, [row for row in section.rows if row.charted and row.value and row.unit == unit])
+        for section in sections
+        for unit in dict.fromkeys(row.unit for row in section.rows if row.charted and row.value)
+    ]
     if not panels:
         return False
     import matplotlib
@@ -22,30 +26,27 @@ def draw(sections: Sequence[Section], path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    heights = [len(rows) + 2.0 for _, rows in panels]
+    heights = [len(rows) + 2.2 for _, _, rows in panels]
     figure, axes = plt.subplots(
         len(panels), 1, figsize=(10.0, 0.3 * sum(heights) + 0.6), height_ratios=heights, squeeze=False,
-        sharex=True, layout="constrained",
+        layout="constrained",
     )  # fmt: skip
-    for axis, (title, rows) in zip(axes[:, 0], panels, strict=True):
-        _bars(axis, title, rows)
-    values = [row.value for _, rows in panels for row in rows if row.value]
-    axes[-1, 0].set_xlim(0.4 * min(values), 6.0 * max(values))
-    axes[-1, 0].set_xlabel("environment steps per second: ours blue, others grey, targets red")
+    for axis, (title, unit, rows) in zip(axes[:, 0], panels, strict=True):
+        _bars(axis, f"{title}: {MEANINGS.get(unit, unit)}", rows)
+        values = [row.value or 1.0 for _, other, rows in panels if other == unit for row in rows]
+        axis.set_xlim(0.4 * min(values), 6.0 * max(values))
+    axes[-1, 0].set_xlabel("blue: this package; grey: others; red: target")
     figure.savefig(path, dpi=130)
     plt.close(figure)
     return True
 
 
-def _charted(rows: Sequence[Row]) -> list[Row]:
-    return [row for row in rows if row.charted and row.value is not None]
-
-
 def _bars(axis: Any, title: str, rows: Sequence[Row]) -> None:
     """One panel; a gap stands before every row of ours that others are compared with."""
-    places, place = [], -1.0
+    places: list[float] = []
+    place = -1.0
     for row in rows:
-        place += 1.6 if row.own and places and title == "Peers" else 1.0
+        place += 1.6 if row.own and place >= 0.0 and title.startswith("Peers") else 1.0
         places.append(place)
     for place, row in zip(places, rows, strict=True):
         reach = value = row.value or 0.0

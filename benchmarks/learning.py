@@ -15,7 +15,7 @@ import gymnasium as gym
 
 from benchmarks.environments import ALL_KINDS, profile
 from benchmarks.report import AtLeast, AtMost, Row, Section
-from benchmarks.timing import Effort
+from benchmarks.timing import Effort, announce
 from thruster_envs.registration import register_all
 
 register_all()
@@ -53,6 +53,7 @@ def _rows(task: str, worlds: int, effort: Effort) -> list[Row]:
     def iterate() -> None:
         model.learn(worlds * ROLLOUT, reset_num_timesteps=False)
 
+    announce(f"PPO on {task}", effort)
     iterate()
     rates, shares = [], []
     for _ in range(effort.repetitions):

@@ -1,10 +1,10 @@
 """How fast others step, in the same run: the same physics in NumPy, Gymnasium, VMAS, Basilisk.
 
-The environments of the peers are other tasks (a pole on a cart, four planar agents), so their figures place
-ours, they do not rank anybody. Two comparisons are of like with like: the NumPy flight does the work of the
-kernel on a healthy craft (``tests/benchmarks`` holds the two equal to rounding), and the copies of our own
-single environment under Gymnasium's vector environments do the work of a batch. A peer that is not
-installed is named as such.
+The environments of the peers are other tasks (a pole on a cart, four planar agents), so their figures
+place ours, they do not rank anybody. Two comparisons are of like with like: the NumPy flight does the
+work of the kernel on a healthy craft, sub-step for sub-step (``tests/benchmarks`` holds the two equal
+to rounding); and the copies of our own single environment under Gymnasium's vector environments do the
+work of a batch. A peer that is not installed is named as such.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import load
 
 ABOUT = """\
-One thread each, but for `AsyncVectorEnv`, which has a process for every copy. *Flight alone* is a control
-period of a healthy Orion without a task around it: firing, flight, sensors, once by the kernels and once by
-`benchmarks/numpy_flight.py`, with the same duties. Basilisk flies one hub with Orion's mass properties and
-twelve thrusters about the Earth in steps of 1 s, five of which make the control period after which Python
-sets the on-times anew. VMAS steps `navigation` with four agents."""
+One thread each, but for `AsyncVectorEnv`, which has a process for every copy. *Flight alone* is a
+control period of a healthy Orion without a task around it: firing, flight, sensors, once by the kernels
+and once by `benchmarks/numpy_flight.py`, with the same duties and both in sub-steps of at most 1 s (the
+environments let the kernel choose). Basilisk flies one hub with Orion's mass properties and twelve
+thrusters about the Earth in steps of 1 s, five of which make the control period after which Python sets
+the on-times anew. VMAS steps `navigation` with four agents."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +133,10 @@ def _flights(craft: int) -> dict[str, Contestant]:
     orion = load("orion")
     drawn = np.random.default_rng(0).random((craft, 12))
     duties = (drawn, 1.0 - drawn)
-    fleet = Fleet(orion, craft, threads=1)
+    fleet = Fleet(orion, craft, max_substep=1.0, threads=1)
     keys = np.zeros((craft, 2), np.uint64)
     keys[:, 0] = np.arange(craft)
-    healthy = fleet.plan(as_faults(None))  # type: ignore[arg-type]  # no faults are a tuple, not a distribution
+    healthy = fleet.plan(as_faults(None))
     fleet.begin(fleet.everyone, keys, np.zeros(craft, np.uint64), healthy)
     rows = np.zeros((2, fleet.blocks * fleet.lanes, 12))
     rows[:, :craft] = duties

@@ -171,13 +171,20 @@ def section_as_markdown(section: Section) -> str:
     return "\n\n".join(parts)
 
 
-def report(sections: Sequence[Section], picture: str | None, share_of_core: float | None) -> str:
+def report(
+    sections: Sequence[Section],
+    picture: str | None,
+    share_of_core: float | None,
+    *,
+    processor_time: bool = False,
+) -> str:
     """The whole of ``speed.md``.
 
     Args:
         sections: In their order.
         picture: File name of the figure beside it, if there is one.
         share_of_core: Share of a core that this process had while it measured on one thread.
+        processor_time: Whether work on one thread was timed by the processor's clock.
     """
     missed = [row for section in sections for row in section.rows if row.verdict == "missed"]
     judged = [row for section in sections for row in section.rows if row.verdict]
@@ -190,7 +197,7 @@ def report(sections: Sequence[Section], picture: str | None, share_of_core: floa
         "repetitions, taken in turns with what it is compared with. Compilation and construction are left "
         "out.",
         summary,
-        machine_facts(share_of_core),
+        machine_facts(share_of_core, processor_time),
     ]
     if picture is not None:
         parts.append(f"![Steps per second of the environments and their peers]({picture})")
@@ -198,7 +205,7 @@ def report(sections: Sequence[Section], picture: str | None, share_of_core: floa
     return "\n\n".join(parts) + "\n"
 
 
-def machine_facts(share_of_core: float | None) -> str:
+def machine_facts(share_of_core: float | None, processor_time: bool) -> str:
     """On what the figures were measured, as a table in Markdown."""
     facts = [
         ("date", datetime.datetime.now(datetime.UTC).date().isoformat()),
@@ -207,9 +214,11 @@ def machine_facts(share_of_core: float | None) -> str:
         ("Python", platform.python_version()),
         ("libraries", ", ".join(f"{name} {version(name)}" for name in LIBRARIES if version(name))),
     ]
+    clock = "the processor's, which stands still while others run" if processor_time else "the wall's"
+    facts.append(("clock of single-threaded runs", clock))
     if share_of_core is not None:
-        quiet = "" if share_of_core > 0.95 else ": other programs were running, so the figures are too low"
-        facts.append(("share of a core that the single-threaded runs had", f"{share_of_core:.0%}{quiet}"))
+        busy = "" if share_of_core > 0.95 else " (other programs were running, so wall times are too long)"
+        facts.append(("share of a core that they had", f"{share_of_core:.0%}{busy}"))
     return markdown_table(("fact", "value"), facts)
 
 

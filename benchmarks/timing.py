@@ -8,6 +8,7 @@ quiet it was. On a machine that others use, work on one thread can be timed by t
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -79,6 +80,7 @@ def race(
     Returns:
         Name to timing.
     """
+    announce(", ".join(works), effort)
     calls = {name: _calls_for(work, effort.seconds) for name, work in works.items()}
     rounds: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(effort.repetitions):
@@ -92,6 +94,12 @@ def race(
             by_processor = effort.processor_time and not threaded
             rounds[name].append((processor if by_processor else wall) / calls[name])
     return {name: Timing(tuple(times)) for name, times in rounds.items()}
+
+
+def announce(what: str, effort: Effort) -> None:
+    """Say on the terminal what is being measured now."""
+    if not effort.quick:
+        print(f"  {what}", file=sys.stderr, flush=True)
 
 
 def _calls_for(work: Callable[[], object], seconds: float) -> int:

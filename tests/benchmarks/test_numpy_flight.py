@@ -24,7 +24,7 @@ def test_a_healthy_flight_agrees_with_the_kernels_to_rounding(orion):
     rng = np.random.default_rng(0)
     duties = rng.random((PERIODS, WORLDS, 12))
     duties[2], duties[3] = 0.0, rng.integers(0, 2, (WORLDS, 12))
-    fleet = Fleet(orion, WORLDS)
+    fleet = Fleet(orion, WORLDS, max_substep=1.0)
     begin(fleet, seed=SEED)
     fleet.write(at.POSITION, [300.0, -20.0, 5.0])
     fleet.write(at.RATE, [0.02, -0.01, 0.015])

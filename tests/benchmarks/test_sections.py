@@ -31,7 +31,7 @@ def test_only_missed_targets_are_explained(tmp_path):
         Row("peer", None, "steps/s", note="not installed"),
     ]
     assert [row.verdict for row in rows] == ["met", "missed", "acceptable", "met", ""]
-    text = write([Section("Title", "About.", rows)], tmp_path).read_text(encoding="utf-8")
+    text = write([Section("Title", "About.", rows)], tmp_path, QUICK).read_text(encoding="utf-8")
     assert "here goes the time" in text
     assert "no need" not in text
     assert "3 of 4 targets are reached. Missed: slow." in text
