@@ -34,9 +34,10 @@ FloatArray = NDArray[np.float64]
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
 
-#: Unless a longest sub-step is asked for, a craft turns by no more than this (rad) in one sub-step, though none
-#: is cut shorter than this (s): errors then stay a thousand times below Orion's sensor noise over half an orbit.
-TURN_LIMIT, SHORT_SUBSTEP = 0.05, 0.5
+#: Unless a longest sub-step is asked for, a craft turns in one sub-step by no more than this (rad) with its rate,
+#: and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then stay a
+#: thousand times below Orion's sensor noise over half an orbit.
+TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
 
 
 @dataclass(frozen=True)
@@ -262,6 +263,7 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     period = spacecraft.control_period
     values[at.PERIOD], values[at.MAX_SUBSTEP] = period, period if max_substep is None else max_substep
     values[at.TURN_LIMIT] = TURN_LIMIT if max_substep is None else np.inf
+    values[at.TWIST_LIMIT] = TWIST_LIMIT if max_substep is None else np.inf
     values[at.SHORT_SUBSTEP] = SHORT_SUBSTEP if max_substep is None else values[at.MAX_SUBSTEP]
     values[at.WAVE_PART] = SHORT_SUBSTEP if max_substep is None else max_substep
     values[at.SPIN_PER_TORQUE] = 1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()

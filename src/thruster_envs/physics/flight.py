@@ -4,8 +4,8 @@ The compiled core of every environment.
 
 Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of
 thrusters on a rigid body on a relative orbit, mass depletion included (the inertia matrix and the centre of
-mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps no
-longer than the vehicle's ``max_substep``: RK4 for position, velocity and rate, a fourth-order Magnus step for
+mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps, as
+many as the turning of the craft needs or none longer than a given length: RK4 for position, velocity and rate, a fourth-order Magnus step for
 the attitude, with the body wrench a quadratic in time. The impulse of a pulse is Simpson's sum of that
 quadratic over its pieces, hence exact and the same whatever the sub-step.
 
@@ -32,7 +32,18 @@ _R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
 # Rows of the sums over thrusters at a node (start, middle, end) of a piece: body wrench, flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
-_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8
+_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _SPIN, _CLOCK = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+    9,
+)
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
 # middle and end.
 _H, _LOAD, _ENTRY = 0, 7, 22
@@ -78,7 +89,7 @@ def fly_blocks(
     sums = np.zeros((3 * _SUMS, 32))
     impulse = np.zeros((_SUMS, 32))
     clock = np.zeros((_CLOCK, 32))
-    steps = 2 * int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    steps = 2 * int(constants[at.PERIOD] / constants[at.SHORT_SUBSTEP]) + 2 + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 32))
     cursor = np.zeros(32, np.int64)
     sight = np.zeros((SIGHT_ROWS, 32))
@@ -118,7 +129,7 @@ def fly_singly(
     sums = np.zeros((3 * _SUMS, 1))
     impulse = np.zeros((_SUMS, 1))
     clock = np.zeros((_CLOCK, 1))
-    steps = 2 * int(constants[at.PERIOD] / constants[at.MAX_SUBSTEP]) + 2 + corners.shape[0]
+    steps = 2 * int(constants[at.PERIOD] / constants[at.SHORT_SUBSTEP]) + 2 + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 1))
     cursor = np.zeros(1, np.int64)
     sight = np.zeros((SIGHT_ROWS, 1))
@@ -160,12 +171,13 @@ def _fly_block(
     for i in range(n):
         for w in range(lanes):
             valves[_DELIVERED * n + i, w] = 0.0
-    max_substep = constants[at.MAX_SUBSTEP]
+    wave_part = constants[at.WAVE_PART]
     for w in range(lanes):
         clock[_BEFORE, w] = 0.0
+        clock[_SPIN, w] = abs(state[_W, w]) + abs(state[_W + 1, w]) + abs(state[_W + 2, w])
         cursor[w] = 0
     for s in range(used + 1):
-        for part in range(_parts(s, used, period, max_substep, corners, clock)):
+        for part in range(_parts(s, used, period, wave_part, corners, clock)):
             for w in range(lanes):
                 length = clock[_PIECE, w] / clock[_PARTS, w]
                 clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
@@ -177,7 +189,7 @@ def _fly_block(
                 _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n)
             _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
             if fly:
-                _schedule(max_substep, clock, node_count, sums, schedule, cursor)
+                _schedule(constants, clock, node_count, sums, schedule, cursor)
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
     if fly:
@@ -270,7 +282,7 @@ def _apply_steady_faults(b, w, faults, start, period, node_count, columns, nodes
 
 
 @njit(forceinline=True)
-def _parts(s, used, period, max_substep, corners, clock):
+def _parts(s, used, period, wave_part, corners, clock):
     """Length of piece ``s`` of each craft, and into how many equal parts it goes.
 
     Returns the most of these, 0 if no craft has such a piece. A piece is one part, unless a fault that ramps
@@ -282,7 +294,7 @@ def _parts(s, used, period, max_substep, corners, clock):
         length = after - clock[_BEFORE, w]
         clock[_PIECE, w] = length
         longest = length if length > longest else longest
-        parts = math.ceil(length / max_substep) if clock[_WAVES, w] > 0.0 else 1.0
+        parts = math.ceil(length / wave_part) if clock[_WAVES, w] > 0.0 else 1.0
         parts = parts if parts > 1.0 else 1.0
         clock[_PARTS, w] = parts
         most = parts if parts > most else most
@@ -596,16 +608,29 @@ def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
 
 
 @njit(forceinline=True)
-def _schedule(max_substep, clock, node_count, sums, schedule, cursor):
+def _schedule(constants, clock, node_count, sums, schedule, cursor):
     """Cut the piece of each craft into its own number of equal sub-steps and add them to its schedule.
 
     Craft have their pieces at different times; with a schedule of its own each one takes only the sub-steps
-    that it needs.
+    that it needs. How far it can turn in a piece is bounded from its rate at the start of the period and the
+    torques since then.
     """
+    last = _SUMS * (node_count - 1)
     for w in range(clock.shape[1]):
         length = clock[_LENGTH, w]
         if length > 0.0:
-            count = math.ceil(length / max_substep)
+            torque = max(
+                abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
+                abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
+            )
+            acceleration = constants[at.SPIN_PER_TORQUE] * torque
+            turns = max(
+                clock[_SPIN, w] * length / constants[at.TURN_LIMIT],
+                math.sqrt(acceleration / constants[at.TWIST_LIMIT]) * length,
+            )
+            turns = min(turns, length / constants[at.SHORT_SUBSTEP])
+            clock[_SPIN, w] += acceleration * length
+            count = math.ceil(max(length / constants[at.MAX_SUBSTEP], turns))
             share = 1.0 / count
             for j in range(int(count)):
                 row = _ENTRY * cursor[w]

@@ -42,8 +42,12 @@ THRUSTER_ROWS = 14
 # Entries of the vehicle's scalar constants.
 PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS, NOMINAL_MASS = 0, 1, 2, 3, 4, 5
 SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
-VELOCITY_DRIFT = 10  # 18: lower half of the HCW transition matrix over one period, row by row
-CONSTANTS = 28
+# Sub-steps: none longer than MAX_SUBSTEP (s); more of them while the craft would turn further in one than
+# TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A sine is
+# followed in parts no longer than WAVE_PART (s).
+TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP, WAVE_PART, SPIN_PER_TORQUE = 10, 11, 12, 13, 14
+VELOCITY_DRIFT = 15  # 18: lower half of the HCW transition matrix over one period, row by row
+CONSTANTS = 33
 
 # Rows of ``streams`` (blocks, STREAM_ROWS, lanes), uint64: the randomness of a craft is a function of these
 # and of its STEP.

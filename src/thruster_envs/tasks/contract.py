@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
-from thruster_envs.physics.fleet import DEFAULT_SUBSTEP, Fleet
+from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Spacecraft, load
 
 FloatArray = NDArray[np.float64]
@@ -123,7 +123,7 @@ class Task(ABC):
             delivers, and how far it is open when closed.
         fault_slots: Faults that one craft can have in an episode.
         nonlinear: Fly by the full two-body relative equations instead of Hill's.
-        max_substep: Longest integration sub-step, s.
+        max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs.
     """
 
     spacecraft: Any = "orion"
@@ -131,7 +131,7 @@ class Task(ABC):
     observe_fault: bool = False
     fault_slots: int = 4
     nonlinear: bool = False
-    max_substep: float = DEFAULT_SUBSTEP
+    max_substep: float | None = None
     vehicle: Spacecraft = field(init=False, repr=False, compare=False, default=None)  # type: ignore[assignment]
 
     #: Names of the parts of the reward.
@@ -142,7 +142,7 @@ class Task(ABC):
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle", load(self.spacecraft))
         check_whole("fault_slots", self.fault_slots, 1, 64)
-        if not 0.0 < self.max_substep <= 60.0:
+        if self.max_substep is not None and not 0.0 < self.max_substep <= 60.0:
             raise ValueError(
                 f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right "
                 "(its error grows with the fourth power)"

@@ -215,7 +215,7 @@ class OrionRendezvousEnv(TaskEnv):
     - `observe_fault`: whether the truth about the faults is added to the observation.
     - `fault_slots`: faults that the craft can have in an episode, 4 by default.
     - `nonlinear`: whether to fly by the full two-body relative equations instead of Hill's.
-    - `max_substep`: longest integration sub-step, s.
+    - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `start`: relative position at the start, m, LVLH.
     - `position_tolerance`, `velocity_tolerance`, `attitude_tolerance`, `rate_tolerance`: half-sizes of the
       terminal box, m, m/s, rad, rad/s.
@@ -330,7 +330,7 @@ class FormationKeepingEnv(TaskEnv):
     - `observe_fault`: whether the truth about the own faults is added to the observation.
     - `fault_slots`: faults that each craft can have in an episode, 4 by default.
     - `nonlinear`: whether to fly by the full two-body relative equations instead of Hill's.
-    - `max_substep`: longest integration sub-step, s.
+    - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `craft`: number of craft, 2 to 8.
     - `radius`: of the relative orbit, m. `slot_tolerance`: distance within which a slot counts as kept, m.
     - `keep_out`: distance between craft below which `cost` counts, m.
