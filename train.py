@@ -51,19 +51,23 @@ class Configuration:
     """Environments side by side; a rollout is one episode of 32 commands in each."""
     learning_rate: float = 5e-3
     """Of PPO on beliefs at the start; falls linearly to 0."""
-    duty_learning_rate: float = 1e-3
+    duty_learning_rate: float = 3e-3
     """Of PPO on duties at the start; falls linearly to 0."""
     minibatch: int = 1024
     """Samples to a gradient step."""
     epochs: int = 6
-    """Passes over each rollout."""
+    """Passes over each rollout, beliefs."""
+    duty_epochs: int = 10
+    """Passes over each rollout, duties."""
     discount: float = 0.5
-    """Discount per command: commands are independent of each other, only what is known of the fault lasts."""
+    """Discount per command, beliefs: commands are independent of each other, only a diagnosis lasts."""
+    duty_discount: float = 0.0
+    """Discount per command, duties: nothing that a policy without a belief does now lasts."""
     trace: float = 0.9
     """Decay of the advantage estimate (lambda of GAE)."""
     exploration: float = 0.37
     """Standard deviation of actions at the start, beliefs; wide, because the LP answers a belief in jumps."""
-    duty_exploration: float = 0.4
+    duty_exploration: float = 0.3
     """Standard deviation of actions at the start, duties."""
     validate_every: int = 5
     """Rollouts between points of the learning curve."""
@@ -91,6 +95,7 @@ class Configuration:
             "worlds",
             "minibatch",
             "epochs",
+            "duty_epochs",
             "validate_every",
             "checkpoint_every",
             "threads",
@@ -102,7 +107,7 @@ class Configuration:
             require(
                 0.0 < getattr(self, name) < 10.0, name, getattr(self, name), "a number above 0 and below 10"
             )
-        for name in ("discount", "trace"):
+        for name in ("discount", "duty_discount", "trace"):
             require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "a number from 0 to 1")
         for name, seeds in (("test_worlds", TEST), ("validation_worlds", VALIDATION)):
             require(
@@ -136,8 +141,8 @@ class Configuration:
             worlds=self.worlds,
             learning_rate=self.learning_rate if beliefs else self.duty_learning_rate,
             minibatch=self.minibatch,
-            epochs=self.epochs,
-            discount=self.discount,
+            epochs=self.epochs if beliefs else self.duty_epochs,
+            discount=self.discount if beliefs else self.duty_discount,
             trace=self.trace,
             exploration=self.exploration if beliefs else self.duty_exploration,
             checkpoint_every=self.checkpoint_every,
