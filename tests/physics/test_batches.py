@@ -71,11 +71,11 @@ def flown(
 
 @pytest.mark.parametrize("name", ["orion", "slow_valves"])
 def test_a_world_in_a_batch_is_the_world_alone(name):
-    """Fleets of 1, 7 (one padded block of lanes) and 70 (three blocks)."""
+    """Fleets of 1, 7 (one padded block of lanes) and 330 (eleven blocks)."""
     spacecraft = vehicle(name)
-    many = flown(spacecraft, 70)
+    many = flown(spacecraft, 330)
     assert np.array_equal(flown(spacecraft, 7), many[:7])
-    for world in (0, 1, 2, 3, 6, 31, 32, 45, 69):
+    for world in range(330):
         assert np.array_equal(flown(spacecraft, 1, first=world)[0], many[world])
     assert np.all(np.isfinite(many))
 

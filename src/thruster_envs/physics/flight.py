@@ -192,6 +192,9 @@ def _fly_block(
                 _schedule(constants, clock, node_count, sums, schedule, cursor)
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
+        # Exactly at the corner, so that a corner that only a neighbour has makes a piece of exactly no length.
+        for w in range(lanes):
+            clock[_BEFORE, w] = corners[s, w] if s < used else period
     if fly:
         _integrate(constants[at.MEAN_MOTION], inertia, inverse, radius, node_count, schedule, cursor, state)
     _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
@@ -292,6 +295,7 @@ def _parts(s, used, period, wave_part, corners, clock):
     for w in range(clock.shape[1]):
         after = corners[s, w] if s < used else period
         length = after - clock[_BEFORE, w]
+        length = length if length > 0.0 else 0.0
         clock[_PIECE, w] = length
         longest = length if length > longest else longest
         parts = math.ceil(length / wave_part) if clock[_WAVES, w] > 0.0 else 1.0
