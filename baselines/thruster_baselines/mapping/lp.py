@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping import model as checks
-from thruster_baselines.mapping.simplex import NOT_FINITE, OPTIMAL, solve_batch, solve_one
+from thruster_baselines.mapping.simplex import NOT_FINITE, OPTIMAL, solve_batch, solve_range
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, objective_weights
 
@@ -115,22 +115,24 @@ class LPMapper:
         return self._solve_batch(command, model)
 
     def _solve_one(self, command: FloatArray, model: checks.Model) -> Allocation:
-        on_times = np.empty(model.max_on_time.size)
-        slack = np.empty(command.size)
-        cost = np.empty(())
-        status = solve_one(
-            command,
-            _plain(model.effectiveness),
-            _plain(model.max_on_time),
+        m, n = model.effectiveness.shape
+        on_times, slack, cost, status = np.empty((1, n)), np.empty((1, m)), np.empty(1), np.empty(1, np.int64)
+        solve_range(
+            command[np.newaxis],
+            _plain(model.effectiveness)[np.newaxis],
+            _plain(model.max_on_time)[np.newaxis],
             self._fuel_cost,
             self._slack_cost,
             on_times,
             slack,
             cost,
+            status,
+            0,
+            1,
         )
-        if status != OPTIMAL:
-            _explain(command, np.array([status]))
-        return Allocation(on_times, slack, cost, np.zeros((), np.int64))
+        if status[0] != OPTIMAL:
+            _explain(command, status)
+        return Allocation(on_times[0], slack[0], cost.reshape(()), status.reshape(()))
 
     def _solve_batch(self, command: FloatArray, model: checks.Model) -> Allocation:
         m, n = self._model.effectiveness.shape

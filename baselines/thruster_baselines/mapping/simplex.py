@@ -34,7 +34,7 @@ from numba import njit
 
 from thruster_envs.protocols import FloatArray, IntArray
 
-__all__ = ["NOT_CONVERGED", "NOT_FINITE", "OPTIMAL", "PARALLEL_FROM", "solve_batch", "solve_one"]
+__all__ = ["NOT_CONVERGED", "NOT_FINITE", "OPTIMAL", "PARALLEL_FROM", "solve_batch", "solve_range"]
 
 OPTIMAL = 0
 NOT_FINITE = 1
@@ -48,7 +48,13 @@ _PIVOT = 1e-9  # smallest entry to pivot on; the scaled entries are of order one
 _TIE = 1e-13  # steps that differ by less than this share of the largest scaled command are equal
 _PIVOTS_PER_VARIABLE = 100  # give up after so many; a half is common
 _LANES = 8  # float64 numbers in the widest vector register
-_SCRATCH_VECTORS = 7
+
+# Rows of the working array `w` of one problem. By basic variable: its value, its largest value, the rate at
+# which it falls as the entering one grows, the step to where it stops that, its number. By variable: where it
+# stands, its bound, the unit that it is scaled by, what it would gain. Then the pivot row, and from `_TABLEAU`
+# on the tableau Y = B^-1 [K A, I]; its last row is z, the reduced costs c_B Y_j - c_j of the thrusters and the
+# multipliers of the slacks.
+_VALUE, _CEILING, _FALL, _RATIO, _BASIS, _SIGN, _BOUND, _SCALE, _GAIN, _PIVOT_ROW, _TABLEAU = range(11)
 
 
 def solve_batch(
@@ -86,51 +92,19 @@ def solve_batch(
         threads = min(_processors(), 2 * batch // PARALLEL_FROM) if batch >= PARALLEL_FROM else 1
     edges = np.linspace(0, batch, max(threads, 1) + 1).astype(int).tolist()
     helpers = [
-        threading.Thread(target=_solve_range, args=(*problem, *answer, first, last))
+        threading.Thread(target=solve_range, args=(*problem, *answer, first, last))
         for first, last in itertools.pairwise(edges[1:])
     ]
     for helper in helpers:
         helper.start()
-    _solve_range(*problem, *answer, edges[0], edges[1])
+    solve_range(*problem, *answer, edges[0], edges[1])
     for helper in helpers:
         helper.join()
     return answer
 
 
-@njit(error_model="numpy", cache=True)
-def solve_one(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-) -> int:
-    """Solve one mapping problem into the given arrays and return its status, as `solve_batch` does for many.
-
-    Args:
-        command: (m,), m/s then rad/s.
-        effectiveness: (m, n), m/s^2 then rad/s^2.
-        max_on_time: (n,), s.
-        fuel_cost: (n,), per s.
-        slack_cost: (m,), per m/s then per rad/s.
-        on_times: (n,), s, written.
-        slack: (m,), m/s then rad/s, written.
-        cost: (), written.
-    """
-    m, n = effectiveness.shape
-    scratch, basis = _scratch(m, n)
-    status = _pivot_to_optimum(
-        command, effectiveness, max_on_time, fuel_cost, slack_cost, on_times, slack, scratch, basis
-    )
-    cost[()] = _objective(on_times, slack, fuel_cost, slack_cost)
-    return status
-
-
 @njit(error_model="numpy", cache=True, nogil=True)
-def _solve_range(
+def solve_range(
     command: FloatArray,
     effectiveness: FloatArray,
     max_on_time: FloatArray,
@@ -143,294 +117,216 @@ def _solve_range(
     first: int,
     last: int,
 ) -> None:
-    """Solve problems `first` to `last` (excluded) of a batch into the given arrays."""
+    """Solve problems `first` to `last` (excluded) of a batch into the given arrays; see `solve_batch`."""
     m, n = effectiveness.shape[1:]
-    scratch, basis = _scratch(m, n)
-    own_effectiveness = effectiveness.shape[0] > 1
-    own_bounds = max_on_time.shape[0] > 1
-    for i in range(first, last):
-        status[i] = _pivot_to_optimum(
-            command[i],
-            effectiveness[i if own_effectiveness else 0],
-            max_on_time[i if own_bounds else 0],
-            fuel_cost,
-            slack_cost,
-            on_times[i],
-            slack[i],
-            scratch,
-            basis,
-        )
-        cost[i] = _objective(on_times[i], slack[i], fuel_cost, slack_cost)
-
-
-@njit(forceinline=True, error_model="numpy")
-def _scratch(m: int, n: int) -> tuple[FloatArray, IntArray]:
-    """Room for one problem: the tableau with working vectors under it, and the list of basic variables."""
     width = (m + n + _LANES - 1) // _LANES * _LANES  # whole vector registers: no remainder to loop over
-    return np.empty((m + 1 + _SCRATCH_VECTORS, width)), np.empty(m, np.int64)
+    w = np.empty((_TABLEAU + m + 1, width))
+    own_effectiveness, own_bounds = effectiveness.shape[0] > 1, max_on_time.shape[0] > 1
+    for i in range(first, last):
+        a = i if own_effectiveness else 0
+        b = i if own_bounds else 0
+
+        # The scaled tableau with every slack basic.
+        z = _TABLEAU + m
+        for j in range(n):
+            w[_SCALE, j] = 0.0
+        for k in range(m):
+            weight = slack_cost[k]
+            for j in range(n):
+                w[_TABLEAU + k, j] = weight * effectiveness[a, k, j]
+                w[_SCALE, j] = max(w[_SCALE, j], abs(w[_TABLEAU + k, j]))
+        for j in range(n):
+            usable = w[_SCALE, j] > 0.0 and max_on_time[b, j] > 0.0
+            w[_SCALE, j] = w[_SCALE, j] if usable else 1.0
+            w[_PIVOT_ROW, j] = 1.0 / w[_SCALE, j] if usable else 0.0  # one that cannot act never enters
+            w[_BOUND, j] = max_on_time[b, j] * w[_SCALE, j]
+            w[_SIGN, j] = 1.0
+            w[z, j] = -fuel_cost[j] / w[_SCALE, j] if usable else -1.0
+        magnitude = 0.0
+        finite = 0.0
+        for k in range(m):
+            demand = slack_cost[k] * command[i, k]
+            finite += command[i, k] * 0.0
+            side = 1.0 if demand >= 0.0 else -1.0
+            w[_VALUE, k] = abs(demand)
+            magnitude = max(magnitude, abs(demand))
+            w[_CEILING, k] = np.inf
+            w[_BASIS, k] = n + k
+            for j in range(n):
+                w[_TABLEAU + k, j] *= side * w[_PIVOT_ROW, j]
+                w[z, j] += w[_TABLEAU + k, j]
+            for j in range(n, width):
+                w[_TABLEAU + k, j] = 0.0
+            w[_TABLEAU + k, n + k] = side
+        for j in range(n, width):
+            w[z, j] = 0.0
+        for k in range(m):
+            w[z, n + k] = w[_TABLEAU + k, n + k]
+            w[_SIGN, n + k] = w[_TABLEAU + k, n + k]
+
+        magnitude += finite
+        if not magnitude < np.inf:
+            status[i] = NOT_FINITE
+            continue
+        tie = _TIE * magnitude
+        status[i] = _pivot_to_optimum(w, m, n, tie) if magnitude > 0.0 else OPTIMAL
+
+        # On-times of the final basis (round-off opens or closes no thruster), and the slack that they leave.
+        for j in range(n):
+            on_times[i, j] = max_on_time[b, j] if w[_SIGN, j] < 0.0 else 0.0
+        for r in range(m):
+            j = int(w[_BASIS, r])
+            if j < n:
+                if w[_VALUE, r] <= tie:
+                    on_times[i, j] = 0.0
+                elif w[_VALUE, r] >= w[_CEILING, r] - tie:
+                    on_times[i, j] = max_on_time[b, j]
+                else:
+                    on_times[i, j] = min(w[_VALUE, r] / w[_SCALE, j], max_on_time[b, j])
+        total = 0.0
+        for j in range(n):
+            total += fuel_cost[j] * on_times[i, j]
+        for k in range(m):
+            rest = command[i, k]
+            for j in range(n):
+                rest -= effectiveness[a, k, j] * on_times[i, j]
+            slack[i, k] = rest
+            total += slack_cost[k] * abs(rest)
+        cost[i] = total
 
 
 @njit(forceinline=True, error_model="numpy")
-def _objective(u: FloatArray, s: FloatArray, c: FloatArray, K: FloatArray) -> float:
-    """Fuel plus weighted slack: sum_j c_j u_j + sum_k K_k |s_k|."""
-    total = 0.0
-    for j in range(u.size):
-        total += c[j] * u[j]
-    for k in range(s.size):
-        total += K[k] * abs(s[k])
-    return total
+def _pivot_to_optimum(w: FloatArray, m: int, n: int, tie: float) -> int:
+    """Pivot from the starting tableau to the optimal one; return the status.
 
-
-@njit(forceinline=True, error_model="numpy")
-def _pivot_to_optimum(
-    T: FloatArray,
-    A: FloatArray,
-    U: FloatArray,
-    c: FloatArray,
-    K: FloatArray,
-    u: FloatArray,
-    s: FloatArray,
-    scratch: FloatArray,
-    basis: IntArray,
-) -> int:
-    """Write the optimal on-times into `u` and the slack T - A u into `s`; return the status.
-
-    Variables 0..n-1 are the thrusters, scaled by the largest entry of their weighted column, n..n+m-1 the
-    slacks, in units of their cost. Row r of the tableau Y = B^-1 [K A, I] belongs to the basic variable
-    basis[r], whose value is x[r] and whose largest value is ceiling[r]. The last row z holds the reduced
-    costs c_B Y_j - c_j of the thrusters and the multipliers of the slacks, which may enter with either sign
-    at unit cost: worth it when |z_k| > 1. A thruster outside the basis stands at zero (sign 1) or at its
-    bound (sign -1).
+    Variables 0..n-1 are the thrusters, n..n+m-1 the slacks. A thruster outside the basis stands at zero
+    (sign 1) or at its bound (sign -1). A slack may enter with either sign.
     """
-    m, n = A.shape
-    Y = scratch[: m + 1]
-    z = scratch[m]
-    x, ceiling, y, ratio = scratch[m + 1], scratch[m + 2], scratch[m + 3], scratch[m + 4]
-    sign, bound, scale = scratch[m + 5], scratch[m + 6], scratch[m + 7]
-
-    magnitude = _start(T, A, U, c, K, Y, z, x, ceiling, sign, bound, scale, ratio, basis)
-    if not magnitude < np.inf:
-        return NOT_FINITE
-    tie = _TIE * magnitude
-    if magnitude == 0.0:
-        _read_off(T, A, U, u, s, x, ceiling, sign, scale, basis, tie)
-        return OPTIMAL
-
+    z = _TABLEAU + m
     stalled = 0
-    patience = m + n
     for _ in range(_PIVOTS_PER_VARIABLE * (m + n)):
-        careful = stalled >= patience
-        j, gain = _entering(z, sign, m, n, careful)
+        careful = stalled >= m + n
+        j = _entering(w, m, n, careful)
         if j < 0:
-            _read_off(T, A, U, u, s, x, ceiling, sign, scale, basis, tie)
             return OPTIMAL
         if j < n:
-            direction, room = sign[j], bound[j]
+            direction, room = w[_SIGN, j], w[_BOUND, j]
         else:
-            direction, room = (1.0 if z[j] > 0.0 else -1.0), np.inf
-        p, step = _leaving(Y, x, ceiling, y, ratio, basis, j, direction, m, tie, careful)
+            direction, room = (1.0 if w[z, j] > 0.0 else -1.0), np.inf
+        p, step = _leaving(w, j, direction, m, tie, careful)
         if not min(step, room) < np.inf:
             return NOT_CONVERGED
 
         if room <= step:  # the thruster runs from one of its bounds straight to the other
             for r in range(m):
-                x[r] -= room * y[r]
-            sign[j] = -direction
+                w[_VALUE, r] -= room * w[_FALL, r]
+            w[_SIGN, j] = -direction
             stalled = 0
             continue
 
         stalled = stalled + 1 if step <= tie else 0
-        if basis[p] < n:
-            sign[basis[p]] = 1.0 if y[p] > 0.0 else -1.0  # leaves at zero, or at its bound
+        leaving = int(w[_BASIS, p])
+        if leaving < n:
+            w[_SIGN, leaving] = 1.0 if w[_FALL, p] > 0.0 else -1.0  # leaves at zero, or at its bound
         for r in range(m):
-            x[r] -= step * y[r]
-        basis[p] = j
-        ceiling[p] = room
+            w[_VALUE, r] -= step * w[_FALL, r]
+        w[_BASIS, p] = j
+        w[_CEILING, p] = room
         if j < n:
-            x[p] = step if direction > 0.0 else room - step
-            for r in range(m):
-                y[r] = Y[r, j]
-            y[m] = z[j]
-            _eliminate(Y, y, p, m + 1)
+            w[_VALUE, p] = step if direction > 0.0 else room - step
             for r in range(m + 1):
-                Y[r, j] = 0.0
-            Y[p, j] = 1.0
+                w[_FALL, r] = w[_TABLEAU + r, j]
+            _eliminate(w, p, m)
+            for r in range(m + 1):
+                w[_TABLEAU + r, j] = 0.0
+            w[_TABLEAU + p, j] = 1.0
         else:
-            x[p] = step
-            sign[j] = direction
-            y[m] = gain
-            _eliminate(Y, y, p, m + 1)
+            w[_VALUE, p] = step
+            w[_SIGN, j] = direction
+            w[_FALL, m] = w[_GAIN, j]
+            _eliminate(w, p, m)
     return NOT_CONVERGED
 
 
 @njit(forceinline=True, error_model="numpy")
-def _start(
-    T: FloatArray,
-    A: FloatArray,
-    U: FloatArray,
-    c: FloatArray,
-    K: FloatArray,
-    Y: FloatArray,
-    z: FloatArray,
-    x: FloatArray,
-    ceiling: FloatArray,
-    sign: FloatArray,
-    bound: FloatArray,
-    scale: FloatArray,
-    factor: FloatArray,
-    basis: IntArray,
-) -> float:
-    """Set up the scaled tableau, every slack basic; return the largest scaled command, NaN if not finite."""
-    m, n = A.shape
-    width = Y.shape[1]
+def _entering(w: FloatArray, m: int, n: int, careful: bool) -> int:
+    """The variable that gains most per unit or (`careful`, Bland's rule) the first that gains, else -1.
+
+    Four searches side by side, since each comparison waits for the one before.
+    """
+    z, width = _TABLEAU + m, w.shape[1]
     for j in range(n):
-        scale[j] = 0.0
-    for k in range(m):
-        weight = K[k]
-        for j in range(n):
-            Y[k, j] = weight * A[k, j]
-            scale[j] = max(scale[j], abs(Y[k, j]))
-    for j in range(n):
-        usable = scale[j] > 0.0 and U[j] > 0.0
-        scale[j] = scale[j] if usable else 1.0
-        factor[j] = 1.0 / scale[j] if usable else 0.0  # a thruster that cannot act never enters
-        bound[j] = U[j] * scale[j]
-        sign[j] = 1.0
-        z[j] = -c[j] / scale[j] if usable else -1.0
-    magnitude = 0.0
-    finite = 0.0
-    for k in range(m):
-        demand = K[k] * T[k]
-        finite += T[k] * 0.0
-        side = 1.0 if demand >= 0.0 else -1.0
-        x[k] = abs(demand)
-        magnitude = max(magnitude, x[k])
-        ceiling[k] = np.inf
-        basis[k] = n + k
-        for j in range(n):
-            Y[k, j] *= side * factor[j]
-            z[j] += Y[k, j]
-        for j in range(n, width):
-            Y[k, j] = 0.0
-        Y[k, n + k] = side
+        w[_GAIN, j] = w[_SIGN, j] * w[z, j]
     for j in range(n, width):
-        z[j] = 0.0
-    for k in range(m):
-        z[n + k] = Y[k, n + k]
-        sign[n + k] = Y[k, n + k]
-    return magnitude + finite
-
-
-@njit(forceinline=True, error_model="numpy")
-def _entering(z: FloatArray, sign: FloatArray, m: int, n: int, careful: bool) -> tuple[int, float]:
-    """The variable that gains most per unit or (`careful`, Bland's rule) the first that gains, else -1."""
-    chosen = -1
-    best = _OPTIMALITY
+        w[_GAIN, j] = abs(w[z, j]) - 1.0
     if careful:
-        for j in range(m + n - 1, -1, -1):
-            gain = sign[j] * z[j] if j < n else abs(z[j]) - 1.0
-            if gain > _OPTIMALITY:
-                best = gain
-                chosen = j
-        return chosen, best
-    for j in range(n):
-        gain = sign[j] * z[j]
-        if gain > best:
-            best = gain
-            chosen = j
-    for j in range(n, m + n):
-        gain = abs(z[j]) - 1.0
-        if gain > best:
-            best = gain
-            chosen = j
-    return chosen, best
+        for j in range(m + n):
+            if w[_GAIN, j] > _OPTIMALITY:
+                return j
+        return -1
+    j0, j1, j2, j3 = 0, 1, 2, 3
+    g0, g1, g2, g3 = w[_GAIN, 0], w[_GAIN, 1], w[_GAIN, 2], w[_GAIN, 3]
+    for j in range(4, width, 4):
+        if w[_GAIN, j] > g0:
+            g0, j0 = w[_GAIN, j], j
+        if w[_GAIN, j + 1] > g1:
+            g1, j1 = w[_GAIN, j + 1], j + 1
+        if w[_GAIN, j + 2] > g2:
+            g2, j2 = w[_GAIN, j + 2], j + 2
+        if w[_GAIN, j + 3] > g3:
+            g3, j3 = w[_GAIN, j + 3], j + 3
+    if g1 > g0:
+        g0, j0 = g1, j1
+    if g3 > g2:
+        g2, j2 = g3, j3
+    if g2 > g0:
+        g0, j0 = g2, j2
+    return j0 if g0 > _OPTIMALITY else -1
 
 
 @njit(forceinline=True, error_model="numpy")
-def _leaving(
-    Y: FloatArray,
-    x: FloatArray,
-    ceiling: FloatArray,
-    y: FloatArray,
-    ratio: FloatArray,
-    basis: IntArray,
-    j: int,
-    direction: float,
-    m: int,
-    tie: float,
-    careful: bool,
-) -> tuple[int, float]:
+def _leaving(w: FloatArray, j: int, direction: float, m: int, tie: float, careful: bool) -> tuple[int, float]:
     """The row whose variable stops the entering one first, and the step to there.
 
-    Fills y, the rate at which x falls. Among equal steps the largest pivot is taken, or (`careful`, Bland's
-    rule) the variable of lowest number.
+    Also notes at which rate each basic variable falls. Among equal steps the largest pivot is taken, or
+    (`careful`, Bland's rule) the variable of lowest number.
     """
-    shortest = np.inf
+    p, step, largest = 0, np.inf, 0.0
     for r in range(m):
-        y[r] = direction * Y[r, j]
-        slope = abs(y[r])
-        way = x[r] if y[r] > 0.0 else ceiling[r] - x[r]
-        ratio[r] = max(way, 0.0) / slope if slope > _PIVOT else np.inf
-        shortest = min(shortest, ratio[r])
-    chosen = 0
-    largest = 0.0
-    for r in range(m):
-        if ratio[r] <= shortest + tie and abs(y[r]) > largest:
-            largest = abs(y[r])
-            chosen = r
+        fall = direction * w[_TABLEAU + r, j]
+        slope = abs(fall)
+        way = w[_VALUE, r] if fall > 0.0 else w[_CEILING, r] - w[_VALUE, r]
+        ratio = max(way, 0.0) / slope if slope > _PIVOT else np.inf
+        w[_FALL, r] = fall
+        w[_RATIO, r] = ratio
+        better = ratio < step - tie or (ratio <= step + tie and slope > largest)
+        p = r if better else p
+        step = ratio if better else step
+        largest = slope if better else largest
     if careful:
+        shortest = step
         for r in range(m):
-            if ratio[r] <= shortest + tie and (basis[r] < basis[chosen] or ratio[chosen] > shortest + tie):
-                chosen = r
-    return chosen, ratio[chosen]
+            if w[_RATIO, r] <= shortest + tie and w[_BASIS, r] < w[_BASIS, p]:
+                p, step = r, w[_RATIO, r]
+    return p, step
 
 
 @njit(forceinline=True, error_model="numpy")
-def _eliminate(Y: FloatArray, y: FloatArray, p: int, rows: int) -> None:
-    """Pivot on row p, column y: Y[p] /= y[p], then Y[r] -= y[r] Y[p] for the others."""
-    inverse = 1.0 / y[p]
-    width = Y.shape[1]
+def _eliminate(w: FloatArray, p: int, m: int) -> None:
+    """Pivot on row p and the column in `_FALL`, reduced costs included.
+
+    The pivot row is put aside first, since the compiler vectorises only what cannot overlap.
+    """
+    inverse = 1.0 / w[_FALL, p]
+    width = w.shape[1]
     for j in range(width):
-        Y[p, j] *= inverse
-    for r in range(rows):
-        if r != p:
-            factor = y[r]
-            for j in range(width):
-                Y[r, j] -= factor * Y[p, j]
-
-
-@njit(forceinline=True, error_model="numpy")
-def _read_off(
-    T: FloatArray,
-    A: FloatArray,
-    U: FloatArray,
-    u: FloatArray,
-    s: FloatArray,
-    x: FloatArray,
-    ceiling: FloatArray,
-    sign: FloatArray,
-    scale: FloatArray,
-    basis: IntArray,
-    tie: float,
-) -> None:
-    """On-times of the final basis, and the slack that they leave; round-off opens or closes no thruster."""
-    m, n = A.shape
-    for j in range(n):
-        u[j] = U[j] if sign[j] < 0.0 else 0.0
-    for r in range(m):
-        j = basis[r]
-        if j < n:
-            if x[r] <= tie:
-                u[j] = 0.0
-            elif x[r] >= ceiling[r] - tie:
-                u[j] = U[j]
-            else:
-                u[j] = min(x[r] / scale[j], U[j])
-    for k in range(m):
-        rest = T[k]
-        for j in range(n):
-            rest -= A[k, j] * u[j]
-        s[k] = rest
+        w[_PIVOT_ROW, j] = w[_TABLEAU + p, j] * inverse
+    for r in range(m + 1):
+        factor = w[_FALL, r]
+        for j in range(width):
+            w[_TABLEAU + r, j] -= factor * w[_PIVOT_ROW, j]
+    for j in range(width):
+        w[_TABLEAU + p, j] = w[_PIVOT_ROW, j]
 
 
 def _processors() -> int:
