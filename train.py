@@ -45,13 +45,13 @@ class Configuration:
     """How many policies of each form to train, with seeds from `seed` on; the table is over all of them."""
     belief_steps: int = 600_000
     """Environment steps of PPO on beliefs; 0 leaves the row out."""
-    duty_steps: int = 400_000
+    duty_steps: int = 500_000
     """Environment steps of PPO on duties; 0 leaves the row out."""
     worlds: int = 256
     """Environments side by side; a rollout is one episode of 32 commands in each."""
     learning_rate: float = 5e-3
     """Of PPO on beliefs at the start; falls linearly to 0."""
-    duty_learning_rate: float = 3e-3
+    duty_learning_rate: float = 5e-3
     """Of PPO on duties at the start; falls linearly to 0."""
     minibatch: int = 1024
     """Samples to a gradient step."""
@@ -67,7 +67,7 @@ class Configuration:
     """Decay of the advantage estimate (lambda of GAE)."""
     exploration: float = 0.37
     """Standard deviation of actions at the start, beliefs; wide, because the LP answers a belief in jumps."""
-    duty_exploration: float = 0.3
+    duty_exploration: float = 0.5
     """Standard deviation of actions at the start, duties."""
     validate_every: int = 5
     """Rollouts between points of the learning curve."""

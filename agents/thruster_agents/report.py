@@ -10,7 +10,7 @@ from rich.table import Table
 
 from thruster_agents.evaluation.methods import FALSE_ALARM_RATE
 from thruster_agents.evaluation.play import Scenario
-from thruster_agents.evaluation.table import Cell, Row
+from thruster_agents.evaluation.table import Cell, Row, interquartile_mean
 
 __all__ = ["as_markdown", "as_table"]
 
@@ -23,6 +23,7 @@ def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, 
         caption_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
+        padding=(0, 1, 0, 0),
     )
     table.add_column("method", no_wrap=True)
     table.add_column("sees", no_wrap=True)
@@ -61,8 +62,30 @@ def as_markdown(
         cells = [row.cells[scenario.name] for scenario in scenarios]
         shown = (f"{one.score:.4f} ({_interval(one)}) | {100.0 * one.way:.1f} %" for one in cells)
         lines.append(f"| {row.title} | {row.sees} | {' | '.join(shown)} |")
+    lines += ["", _caption(episodes, policies)]
+    if policies > 1:
+        lines += ["", "## Over policies", "", *_over_policies(rows, scenarios)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([*lines, "", _caption(episodes, policies), ""]), encoding="utf-8")
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _over_policies(rows: Sequence[Row], scenarios: Sequence[Scenario]) -> list[str]:
+    """A table of each learned row over the policies that were trained with different seeds."""
+    lines = [
+        "Mean score of each policy over the same episodes: interquartile mean over policies with its 95 % "
+        "bootstrap interval, then the worst and the best policy.",
+        "",
+        f"| method | {' | '.join(scenario.title for scenario in scenarios)} |",
+        "|---|" + "---:|" * len(scenarios),
+    ]
+    for row in (row for row in rows if row.key.startswith("ppo")):
+        shown = []
+        for scenario in scenarios:
+            scores = row.cells[scenario.name].policies
+            middle, low, high = interquartile_mean(scores)
+            shown.append(f"{middle:.4f} ({low:.4f}–{high:.4f}), {min(scores):.4f} to {max(scores):.4f}")
+        lines.append(f"| {row.title} | {' | '.join(shown)} |")
+    return lines
 
 
 def _interval(cell: Cell) -> str:

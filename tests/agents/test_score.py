@@ -32,7 +32,7 @@ def test_the_trained_policy_reaches_what_is_stated(rows):
 def test_the_trained_policy_stands_between_the_blind_mapper_and_the_oracle(rows):
     """With faults: it has learned to diagnose, by more than the width of the interval, and is no oracle."""
     for scenario in SCENARIOS[1:]:
-        oracle, learned, blind = (rows[key].cells[scenario.name] for key in ("oracle", "ppo_beliefs", "blind"))
+        oracle, learned, blind = (rows[k].cells[scenario.name] for k in ("oracle", "ppo_beliefs", "blind"))
         assert oracle.score > learned.score > blind.score
         assert learned.low > blind.high or scenario is FAULTS
         assert learned.way - blind.way > 0.02

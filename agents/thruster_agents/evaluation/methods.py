@@ -86,7 +86,7 @@ class Blind(_OnDuties):
 class Oracle(_OnDuties):
     """The LP mapper with the true, faulty model: the best that anybody can do for each command."""
 
-    key, title, sees = "oracle", "LP, fault known (oracle)", "fault"
+    key, title, sees = "oracle", "oracle LP: fault known", "fault"
 
     def __init__(self, mapper: LPMapper) -> None:
         self.mapper = mapper
@@ -100,7 +100,7 @@ class Oracle(_OnDuties):
 class Tested(_OnDuties):
     """The LP mapper with the health that a response test believes in."""
 
-    key, title, sees = "response_test", "LP, response test", "response"
+    key, title, sees = "response_test", "LP with response test", "response"
 
     def __init__(self, mapper: LPMapper, spacecraft: Spacecraft, threshold: float) -> None:
         self.mapper, self.spacecraft = mapper, spacecraft
@@ -193,7 +193,7 @@ def classical_methods(spacecraft: Spacecraft) -> Sequence[Method]:
     return (
         Oracle(mapper),
         Tested.calibrated(mapper, spacecraft, FALSE_ALARM_RATE),
-        Blind("blind", "LP, fault unknown (blind)", mapper),
+        Blind("blind", "blind LP: fault unknown", mapper),
         Blind("minimum_norm", "minimum norm and shift", MinimumNormShiftMapper(spacecraft)),
         Blind("crude", "fire what points there", CrudeMapper(spacecraft)),
         Constant("nothing", "do nothing", 0.0),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from thruster_agents.evaluation.play import SCENARIOS, Method, Scenario, play
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["Cell", "Row", "bootstrap_interval", "compare"]
+__all__ = ["Cell", "Row", "bootstrap_interval", "compare", "interquartile_mean"]
 
 _RESAMPLES = 2000
 
@@ -31,12 +31,14 @@ class Cell:
         low: Lower end of its 95 % bootstrap interval.
         high: Upper end.
         way: Share of the way from doing nothing (0) to the oracle (1).
+        policies: Mean score of each trained policy; one number for a method that is not trained.
     """
 
     score: float
     low: float
     high: float
     way: float
+    policies: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,8 @@ def compare(
             top, bottom = (scores[key, scenario.name].mean() for key in ("oracle", "nothing"))
             low, high = bootstrap_interval(own)
             mean = float(own.mean())
-            cells[scenario.name] = Cell(mean, low, high, float((mean - bottom) / (top - bottom)))
+            way = float((mean - bottom) / (top - bottom))
+            cells[scenario.name] = Cell(mean, low, high, way, tuple(own.mean(axis=1).tolist()))
         rows.append(Row(row[0].key, row[0].title, row[0].sees, cells))
     return rows
 
@@ -109,3 +112,27 @@ def bootstrap_interval(scores: NDArray[np.float64], level: float = 0.95) -> tupl
     tail = 50.0 * (1.0 - level)
     low, high = np.percentile(means, [tail, 100.0 - tail])
     return float(low), float(high)
+
+
+def interquartile_mean(values: Sequence[float]) -> tuple[float, float, float]:
+    """Mean of the middle half of some numbers, and its 95 % percentile bootstrap interval.
+
+    What lies across a quartile counts by the share of it that lies within.
+
+    >>> interquartile_mean([0.0, 1.0, 1.0, 5.0])[0]
+    1.0
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    draws = np.random.default_rng(0).integers(numbers.size, size=(_RESAMPLES, numbers.size))
+    middle = _middle_mean(np.concatenate([numbers[np.newaxis], numbers[draws]]))
+    low, high = np.percentile(middle[1:], [2.5, 97.5])
+    return float(middle[0]), float(low), float(high)
+
+
+def _middle_mean(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) means of the middle halves of (k, n) numbers."""
+    n = rows.shape[1]
+    edges = np.arange(n + 1) / n
+    weights = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0.0, None)
+    middle: NDArray[np.float64] = np.sort(rows, axis=1) @ (weights / weights.sum())
+    return middle
