@@ -1,6 +1,6 @@
 """Motion without thrust: what is conserved, and what has a closed form, over a whole orbit (5,712 s).
 
-At the default sub-step of the integration unless a test has its own.
+With sub-steps of a second unless a test has its own.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def tumbling_body() -> Spacecraft:
     ids=lambda value: value.name if isinstance(value, Spacecraft) else str(value),
 )
 def test_angular_momentum_and_energy_of_rotation_stay(spacecraft, rate, max_substep):
-    """At the default sub-step up to 0.02 rad/s on Orion; fast tumbles and odd bodies take a smaller one."""
+    """With a second up to 0.02 rad/s on Orion; fast tumbles and odd bodies take a smaller sub-step."""
     flight = coast(spacecraft, attitude=ATTITUDE, rate=rate, max_substep=max_substep)
     inertia = spacecraft.inertia
     momentum = angular_momentum(inertia, ATTITUDE, rate, 0.0, MEAN_MOTION)

@@ -34,9 +34,9 @@ FloatArray = NDArray[np.float64]
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
 
-#: Unless a longest sub-step is asked for, a craft turns in one sub-step by no more than this (rad) with its rate,
-#: and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then stay a
-#: thousand times below Orion's sensor noise over half an orbit.
+#: Unless a longest sub-step is asked for, a craft turns in one sub-step by no more than this (rad) with its
+#: rate, and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then
+#: stay a thousand times below Orion's sensor noise over half an orbit.
 TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
 
 

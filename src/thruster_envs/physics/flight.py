@@ -5,9 +5,9 @@ The compiled core of every environment.
 Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of
 thrusters on a rigid body on a relative orbit, mass depletion included (the inertia matrix and the centre of
 mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps, as
-many as the turning of the craft needs or none longer than a given length: RK4 for position, velocity and rate, a fourth-order Magnus step for
-the attitude, with the body wrench a quadratic in time. The impulse of a pulse is Simpson's sum of that
-quadratic over its pieces, hence exact and the same whatever the sub-step.
+many as the turning of the craft needs or none longer than a given length: RK4 for position, velocity and
+rate, a fourth-order Magnus step for the attitude, with the body wrench a quadratic in time. The impulse of a
+pulse is Simpson's sum of that quadratic over its pieces, hence exact and the same whatever the sub-step.
 
 Craft are processed in blocks whose innermost axis is the craft, so that the arithmetic vectorises. Every lane
 of a block does what it would do alone, to the last bit, whatever its neighbours need: they may add pieces of
@@ -192,7 +192,7 @@ def _fly_block(
                 _schedule(constants, clock, node_count, sums, schedule, cursor)
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
-        # Exactly at the corner, so that a corner that only a neighbour has makes a piece of exactly no length.
+        # Exactly at the corner: one that only a neighbour has then makes a piece of exactly no length.
         for w in range(lanes):
             clock[_BEFORE, w] = corners[s, w] if s < used else period
     if fly:

@@ -43,8 +43,8 @@ THRUSTER_ROWS = 14
 PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS, NOMINAL_MASS = 0, 1, 2, 3, 4, 5
 SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
 # Sub-steps: none longer than MAX_SUBSTEP (s); more of them while the craft would turn further in one than
-# TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A sine is
-# followed in parts no longer than WAVE_PART (s).
+# TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A
+# sine is followed in parts no longer than WAVE_PART (s).
 TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP, WAVE_PART, SPIN_PER_TORQUE = 10, 11, 12, 13, 14
 VELOCITY_DRIFT = 15  # 18: lower half of the HCW transition matrix over one period, row by row
 CONSTANTS = 33
