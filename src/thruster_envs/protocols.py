@@ -1,8 +1,8 @@
 """What a method must offer so that a comparison need not know which kind it is running.
 
-A mapper turns a commanded body rate change into thruster on-times: the linear program, a pseudo-inverse and a trained
-network stand behind the same call. Left out on purpose: how a mapper learns of a fault. Whoever knows better than the
-model that a mapper was built with passes `effectiveness` or `max_on_time` with the call.
+A mapper turns a commanded body rate change into thruster on-times: the linear program, a pseudo-inverse and a
+trained network stand behind the same call. Left out on purpose: how a mapper learns of a fault. Whoever knows
+better than the model that a mapper was built with passes `effectiveness` or `max_on_time` with the call.
 """
 
 from __future__ import annotations
@@ -25,9 +25,11 @@ class Allocation:
 
     Attributes:
         on_times: (..., n), s. How long each thruster is open in the control period.
-        slack: (..., m), command units (m/s, then rad/s), signed: what was commanded minus what these on-times achieve
+        slack: (..., m), command units (m/s, then rad/s), signed: what was commanded minus what these on-times
+            achieve
             under the model that the mapper was given.
-        cost: (...,). The mapper's own objective at these on-times; a mapper without one gives the total on-time, s.
+        cost: (...,). The mapper's own objective at these on-times; one without an objective gives the total
+            on-time, s.
         status: (...,). 0 where the mapper reached its own optimum (closed-form mappers always do).
     """
 
@@ -59,7 +61,8 @@ class Mapper(Protocol):
     ) -> Allocation:
         """Allocate a command (..., m), body frame, m/s then rad/s.
 
-        `effectiveness` (..., m, n) and `max_on_time` (..., n), where given, replace the mapper's own for this call;
+        `effectiveness` (..., m, n) and `max_on_time` (..., n), where given, replace the mapper's own for this
+        call;
         leading axes broadcast against those of the command.
         """
         ...
