@@ -70,6 +70,7 @@ class LPMapper:
         self._slack_cost = _weights(slack_cost, m, "slack_cost of axis", 0)
         self._threads = threads
         self._single = (m,)
+        self._alone = self._model.effectiveness[np.newaxis], self._model.max_on_time[np.newaxis]
 
     @property
     def effectiveness(self) -> FloatArray:
@@ -105,31 +106,30 @@ class LPMapper:
                 is negative or NaN.
             RuntimeError: The solver did not reach the optimum; not known to happen.
         """
-        command = np.array(command, dtype=np.float64)  # a copy: contiguous and writeable, whatever came in
-        model = self._model
-        if effectiveness is not None or max_on_time is not None:
-            model = model.overridden(effectiveness, max_on_time)
+        command = np.array(command, dtype=np.float64, order="C")  # a copy: contiguous and writeable
+        if effectiveness is None and max_on_time is None:
+            model, alone = self._model, self._alone
+        else:
+            model = self._model.overridden(effectiveness, max_on_time)
+            alone = None
         if command.shape == self._single and model.effectiveness.ndim == 2 and model.max_on_time.ndim == 1:
-            return self._solve_one(command, model)
+            if alone is None:
+                alone = _plain(model.effectiveness)[np.newaxis], _plain(model.max_on_time)[np.newaxis]
+            return self._solve_one(command, *alone)
         checks.require_command_shape(command, self._single[0])
         return self._solve_batch(command, model)
 
-    def _solve_one(self, command: FloatArray, model: checks.Model) -> Allocation:
-        m, n = model.effectiveness.shape
+    def _solve_one(
+        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
+    ) -> Allocation:
+        """One command (m,), as a batch of one."""
+        _, m, n = effectiveness.shape
         on_times, slack, cost, status = np.empty((1, n)), np.empty((1, m)), np.empty(1), np.empty(1, np.int64)
+        fuel_cost, slack_cost = self._fuel_cost, self._slack_cost
         solve_range(
-            command[np.newaxis],
-            _plain(model.effectiveness)[np.newaxis],
-            _plain(model.max_on_time)[np.newaxis],
-            self._fuel_cost,
-            self._slack_cost,
-            on_times,
-            slack,
-            cost,
-            status,
-            0,
-            1,
-        )
+            command[np.newaxis], effectiveness, max_on_time, fuel_cost, slack_cost,
+            on_times, slack, cost, status, 0, 1,
+        )  # fmt: skip
         if status[0] != OPTIMAL:
             _explain(command, status)
         return Allocation(on_times[0], slack[0], cost.reshape(()), status.reshape(()))
@@ -140,7 +140,7 @@ class LPMapper:
             command.shape[:-1], model.effectiveness.shape[:-2], model.max_on_time.shape[:-1]
         )
         on_times, slack, cost, status = solve_batch(
-            _plain(np.broadcast_to(command, (*leading, m))).reshape(-1, m),
+            _whole(command, leading, (m,)).reshape(-1, m),
             _each_or_shared(model.effectiveness, leading, (m, n)),
             _each_or_shared(model.max_on_time, leading, (n,)),
             self._fuel_cost,
@@ -161,7 +161,13 @@ def _each_or_shared(array: FloatArray, leading: tuple[int, ...], trailing: tuple
     """The array with its leading axes made one: as long as the batch, or of length one if all share it."""
     if array.shape == trailing:
         return _plain(array)[np.newaxis]
-    return _plain(np.broadcast_to(array, leading + trailing)).reshape(-1, *trailing)
+    return _whole(array, leading, trailing).reshape(-1, *trailing)
+
+
+def _whole(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
+    """The array with all of these axes, fit for the compiled kernel."""
+    shape = leading + trailing
+    return _plain(array) if array.shape == shape else np.broadcast_to(array, shape).copy()
 
 
 def _plain(array: FloatArray) -> FloatArray:

@@ -51,8 +51,8 @@ _LANES = 8  # float64 numbers in the widest vector register
 
 # Rows of the working array `w` of one problem. By basic variable: its value, its largest value, the rate at
 # which it falls as the entering one grows, the step to where it stops that, its number. By variable: where it
-# stands, its bound, the unit that it is scaled by, what it would gain. Then the pivot row, and from `_TABLEAU`
-# on the tableau Y = B^-1 [K A, I]; its last row is z, the reduced costs c_B Y_j - c_j of the thrusters and the
+# stands, its bound, the unit that it is scaled by, what it would gain. Then the pivot row. From `_TABLEAU` on
+# the tableau Y = B^-1 [K A, I]; its last row is z, the reduced costs c_B Y_j - c_j of the thrusters and the
 # multipliers of the slacks.
 _VALUE, _CEILING, _FALL, _RATIO, _BASIS, _SIGN, _BOUND, _SCALE, _GAIN, _PIVOT_ROW, _TABLEAU = range(11)
 
