@@ -181,6 +181,17 @@ class Fleet:
         else:
             run_shared(lambda first, last: self._fly(move, first, last), self.shares)
 
+    def by_worlds(self, work: Callable[[int, int], None]) -> None:
+        """Call ``work(first, last)`` so that it covers all worlds, in as many threads as the fleet flies in.
+
+        ``work`` must release the interpreter lock to gain by it, and touch only the worlds it is given.
+        """
+        if self.threads == 1:
+            work(0, self.worlds)
+        else:
+            edges = np.linspace(0, self.worlds, self.threads + 1).astype(int).tolist()
+            run_shared(work, list(pairwise(edges)))
+
     def _fly(self, move: bool, first: int, last: int) -> None:
         self._kernel(
             self.data, self.faults, self.streams, self.thrusters, self.constants,

@@ -165,15 +165,19 @@ class OrionRendezvous(Task):
         """Fly one period."""
         command_duties(state.fleet.data, duties, 1)
         state.fleet.fly()
-        _judge(state.fleet.data, state.model.limits, state.account)
+        state.fleet.by_worlds(
+            lambda first, last: _judge(state.fleet.data, state.model.limits, state.account, first, last)
+        )
 
     def observe(self, state: RendezvousState) -> Observations:
         """(worlds, 1, observation_size)."""
         observations = np.empty((state.fleet.worlds, 1, self.observation_size), np.float32)
-        _observe(
-            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority,
-            self.observe_fault, observations[:, 0],
-        )  # fmt: skip
+        rows, fleet, model = observations[:, 0], state.fleet, state.model
+        fleet.by_worlds(
+            lambda first, last: _observe(
+                fleet.data, fleet.faults, model.limits, model.authority, self.observe_fault, rows, first, last
+            )
+        )
         return observations
 
     def outcome(self, state: RendezvousState) -> Outcome:
@@ -243,11 +247,11 @@ def _start(data, streams, which, start, limits, account):
         account[world, _POTENTIAL] = _potential(r, v, angle, rate, limits[_STEPS] * limits[_PERIOD], limits)
 
 
-@njit(error_model="numpy", cache=True)
-def _judge(data, limits, account):
-    """Account for the period that has passed."""
+@njit(error_model="numpy", cache=True, nogil=True)
+def _judge(data, limits, account, first, last):
+    """Account for the period that has passed, in the worlds from ``first`` to ``last`` (exclusive)."""
     lanes, n = data.shape[2], limits[_MEAN_MOTION]
-    for world in range(account.shape[0]):
+    for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         r, v, angle, rate = _true_errors(data, b, w, n)
         to_go = limits[_STEPS] - data[b, at.STEP, w]
@@ -275,13 +279,13 @@ def _judge(data, limits, account):
         account[world, _SUCCESS] = 1.0 if inside else 0.0
 
 
-@njit(error_model="numpy", cache=True)
-def _observe(data, faults, limits, authority, observe_fault, observations):
+@njit(error_model="numpy", cache=True, nogil=True)
+def _observe(data, faults, limits, authority, observe_fault, observations, first, last):
     n, lanes = observations.shape[1] - 25, data.shape[2]
     if observe_fault:
         n //= 3
     m = at.MEASURED
-    for world in range(observations.shape[0]):
+    for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         row = observations[world]
         q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])

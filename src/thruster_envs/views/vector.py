@@ -147,25 +147,17 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """Let one control period pass in every world."""
         if not self.worlds.seeded:
             raise ValueError("the environment has not been reset; call reset() before step()")
-        step = self.worlds.step(np.asarray(actions, dtype=np.float64)[:, np.newaxis])
+        duties = np.asarray(actions, dtype=np.float64)[:, np.newaxis]
         everyone = np.ones(self.num_envs, np.bool_)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            return self._step_then_reset(step, everyone)
-        rewards, terminated, truncated = step.rewards[:, 0], step.terminated, step.truncated
-        observations = step.observations[:, 0]
+            return self._step_then_reset(self.worlds.step(duties), everyone)
+        begins = self._over
+        step = self.worlds.step(duties, begins=begins)
+        self._film(begins)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            begins = self._over
-            if begins.any():
-                self.worlds.reset(np.flatnonzero(begins))
-                observations = self.worlds.observe()[:, 0]
-                rewards[begins], step.reward_terms[begins], step.cost[begins] = 0.0, 0.0, 0.0
-                terminated, truncated = terminated & ~begins, truncated & ~begins
-            self._film(begins)
-            self._over = terminated | truncated
-        else:
-            self._film(np.zeros(self.num_envs, np.bool_))
+            self._over = step.done
         infos = _with_masks(self._infos(step), everyone)
-        return observations, rewards, terminated, truncated, infos
+        return step.observations[:, 0], step.rewards[:, 0], step.terminated, step.truncated, infos
 
     def _step_then_reset(
         self, step: Step, everyone: NDArray[np.bool_]

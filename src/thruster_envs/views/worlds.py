@@ -104,12 +104,14 @@ class Worlds:
         """(worlds, agents, observation_size), a new array."""
         return self.task.observe(self.state)
 
-    def step(self, actions: ArrayLike) -> Step:
+    def step(self, actions: ArrayLike, *, begins: NDArray[np.bool_] | None = None) -> Step:
         """Let one control period pass in every world.
 
         Args:
             actions: (worlds, agents, n) in [-1, 1]; -1 keeps a thruster shut, 1 opens it for the whole
                 period. What lies outside is clipped.
+            begins: (worlds,), worlds whose action does not count because they begin their next episode with
+                this step: its first observation, reward 0, not over.
 
         Raises:
             ValueError: Another shape, or a number that is not finite.
@@ -127,14 +129,15 @@ class Worlds:
         self.task.step(self.state, duties)
         self.steps += 1
         outcome = self.task.outcome(self.state)
-        truncated = np.zeros(self.number, np.bool_)
+        terminated, truncated = outcome.terminated, np.zeros(self.number, np.bool_)
         if self.max_episode_steps is not None:
             truncated = self.steps >= self.max_episode_steps
-        return Step(
-            self.task.observe(self.state), np.add.reduce(outcome.reward_terms, axis=-1),
-            outcome.reward_terms, outcome.cost,
-            outcome.terminated, truncated,
-        )  # fmt: skip
+        if begins is not None and begins.any():
+            self.reset(np.flatnonzero(begins))
+            outcome.reward_terms[begins], outcome.cost[begins] = 0.0, 0.0
+            terminated, truncated = terminated & ~begins, truncated & ~begins
+        rewards = np.add.reduce(outcome.reward_terms, axis=-1)
+        return Step(self.observe(), rewards, outcome.reward_terms, outcome.cost, terminated, truncated)
 
     def info(self, step: Step | None = None) -> dict[str, Any]:
         """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
