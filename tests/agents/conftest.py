@@ -7,9 +7,9 @@ from thruster_agents.ppo import Settings
 from thruster_envs.spacecraft import Spacecraft, load
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="session")
 def _one_thread():
-    """Sums of floats are in one order only with one thread."""
+    """Sums of floats are in one order only with one thread; with more, tests run side by side would wait."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
