@@ -1,0 +1,34 @@
+"""What the README shows works when pasted, and what it states is what the tests hold the suite to."""
+
+import re
+import shutil
+from importlib.resources import files
+from pathlib import Path
+
+from tests.agents.test_score import STATED_SCORE, STATED_WAY
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
+    catalogue = files("thruster_envs.spacecraft").joinpath("catalogue", "orion.toml")
+    shutil.copy(str(catalogue), tmp_path / "mine.toml")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(compile(block, str(README), "exec"), names)  # the user's paste
+    assert "4.5" in capsys.readouterr().out
+
+
+def test_it_states_the_score_that_training_is_held_to():
+    text = README.read_text()
+    assert f"at least {STATED_SCORE}" in text
+    for share in STATED_WAY.values():
+        assert f"{100 * share:g} %" in text
+
+
+def test_its_pictures_and_pages_are_there():
+    for target in re.findall(r"\]\(((?:docs|src)/[^)]+|[A-Z]+\.cff)\)", README.read_text()):
+        assert (README.parent / target).exists(), target
