@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed-test
 INSTALLED_BENCH := $(VENV)/.installed-bench
-SOURCES := $(wildcard src baselines agents tests benchmarks reproductions train.py)
+SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
 .PHONY: help install train test unit lint format types imports bench clean

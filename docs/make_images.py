@@ -1,7 +1,7 @@
 """Make the pictures of the README: ``python docs/make_images.py``.
 
-A healthy-model controller flies the rendezvous while thruster 1 is dead from the 25th second on; the picture is taken
-after 70 seconds, while it still burns.
+A controller that knows of no fault flies the rendezvous while thruster 1 is dead from the 25th second on;
+the picture is taken after 70 seconds, while it still burns.
 """
 
 from __future__ import annotations
