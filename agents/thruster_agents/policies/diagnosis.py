@@ -5,7 +5,7 @@ minus the measured rate change, projected on it. Weights are shared between thru
 learned from the failure of one holds for all. The new belief is the last one, plus a gain times what the last
 firing says against it (the innovation), plus a change; gain, change and the size of the exploration noise are
 what the network gives. It starts near "no change" of a belief that every thruster is healthy: close to the LP
-mapper that knows of no fault, not quite on it, because an LP answers a small difference of beliefs with a jump.
+what the network gives. It starts near "no change" of a belief that all thrusters are healthy: close to the LP
 The value network sees the whole observation.
 
 Left out: memory other than the belief itself, any knowledge of geometry beyond what the observation projects.
