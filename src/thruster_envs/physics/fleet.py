@@ -280,7 +280,6 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     values[at.SPIN_PER_TORQUE] = 1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
     values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
     values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
-    values[at.NOMINAL_MASS] = spacecraft.mass
     sensors = spacecraft.sensors
     values[at.SIGMA_POSITION], values[at.SIGMA_VELOCITY] = sensors.position, sensors.velocity
     values[at.SIGMA_ATTITUDE], values[at.SIGMA_RATE] = sensors.attitude, sensors.rate

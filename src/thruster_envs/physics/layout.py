@@ -40,7 +40,7 @@ BELIEVED = 8  # 6, nominal rate change per second of firing, m/s^2 and rad/s^2
 THRUSTER_ROWS = 14
 
 # Entries of the vehicle's scalar constants.
-PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS, NOMINAL_MASS = 0, 1, 2, 3, 4, 5
+PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS = 0, 1, 2, 3, 4
 SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
 # Sub-steps: none longer than MAX_SUBSTEP (s); more of them while the craft would turn further in one than
 # TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A

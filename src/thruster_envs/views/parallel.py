@@ -164,7 +164,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
             self.worlds.seed(_ONE, [fresh])
         self.worlds.reset(_ONE, options)
         self.agents = list(self.possible_agents)
-        self._watch(begins=True)
+        self._camera.watch(begins=True, mode=self.render_mode)
         return self._by_agent(self.worlds.observe()[0]), self._infos(None)
 
     def step(
@@ -182,7 +182,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
             )
         self.worlds.max_episode_steps = self.max_cycles
         step = self.worlds.step(np.stack([np.asarray(actions[agent]) for agent in self.agents])[np.newaxis])
-        self._watch(begins=False)
+        self._camera.watch(begins=False, mode=self.render_mode)
         agents = self.agents
         rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
         terminations = {agent: bool(step.terminated[0]) for agent in agents}
@@ -212,15 +212,6 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
     def state(self) -> Observation:
         """The observations of all agents, one after another."""
         return np.ravel(self.worlds.observe()[0])
-
-    def _watch(self, *, begins: bool) -> None:
-        if self.render_mode is not None:
-            if begins:
-                self._camera.begin()
-            else:
-                self._camera.follow()
-            if self.render_mode == "human":
-                self._camera.show()
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the formation now, in the mode ``rgb_array``."""

@@ -29,6 +29,17 @@ class Camera:
         self._path: list[NDArray[np.float64]] = []
         self._renderer: Renderer | None = None
 
+    def watch(self, *, begins: bool, mode: str | None) -> None:
+        """Keep up with the world after a reset or a step, in the render mode of its environment."""
+        if mode is None:
+            return
+        if begins:
+            self.begin()
+        else:
+            self.follow()
+        if mode == "human":
+            self.show()
+
     def begin(self) -> None:
         """A new episode: forget the path."""
         self._path.clear()

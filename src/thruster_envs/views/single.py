@@ -49,7 +49,7 @@ class TaskEnv(gym.Env[Observation, Any]):
             fresh = checked_seed(seed) if seed is not None else int(self.np_random.integers(2**63))
             self.worlds.seed(_ONE, [fresh])
         self.worlds.reset(_ONE, options)
-        self._watch(begins=True)
+        self._camera.watch(begins=True, mode=self.render_mode)
         return self.worlds.observe()[0, 0], self._info(None)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -57,7 +57,7 @@ class TaskEnv(gym.Env[Observation, Any]):
         if not self.worlds.seeded:
             raise gym.error.ResetNeeded("the environment has not been reset; call reset() before step()")
         step = self.worlds.step(np.asarray(action, dtype=np.float64).reshape((1, 1, -1)))
-        self._watch(begins=False)
+        self._camera.watch(begins=False, mode=self.render_mode)
         return (
             step.observations[0, 0],
             step.rewards.item(),
@@ -76,15 +76,6 @@ class TaskEnv(gym.Env[Observation, Any]):
             "score": info["score"].item(),
             "success": info["success"].item(),
         }
-
-    def _watch(self, *, begins: bool) -> None:
-        if self.render_mode is not None:
-            if begins:
-                self._camera.begin()
-            else:
-                self._camera.follow()
-            if self.render_mode == "human":
-                self._camera.show()
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""

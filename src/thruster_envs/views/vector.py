@@ -179,12 +179,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
 
     def _film(self, begins: NDArray[np.bool_]) -> None:
         for camera in self._cameras:
-            if begins[camera.world]:
-                camera.begin()
-            else:
-                camera.follow()
-            if self.render_mode == "human":
-                camera.show()
+            camera.watch(begins=bool(begins[camera.world]), mode=self.render_mode)
 
     def _infos(self, step: Step | None) -> dict[str, Any]:
         """Arrays whose first axis is the world."""
