@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thruster_baselines.mapping.model import ClosedFormMapper
+from thruster_baselines.mapping.base import ClosedFormMapper
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["CrudeMapper"]

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from thruster_baselines.mapping.model import ClosedFormMapper, matrix_times_vector
+from thruster_baselines.mapping.base import ClosedFormMapper
+from thruster_baselines.mapping.model import matrix_times_vector
 from thruster_baselines.mapping.pseudo_inverse import minimum_norm_inverse
 from thruster_envs.protocols import FloatArray
 

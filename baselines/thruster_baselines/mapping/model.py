@@ -1,4 +1,4 @@
-"""What all mappers here share: the model that a mapper believes in, and the checks on what a call brings.
+"""The model that a mapper believes in, and the checks on what a call brings.
 
 A model is an effectiveness matrix with a longest on-time per thruster. It comes from a spacecraft or as a
 bare matrix, and a call may override it. Bad input raises one line that names the thruster or axis and the
@@ -7,17 +7,18 @@ value.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_envs.protocols import Allocation, FloatArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["ClosedFormMapper", "Model", "matrix_times_vector"]
+__all__ = ["Model", "matrix_times_vector"]
+
+_RANK_TOLERANCE = 1e-10  # singular values of the weighed matrix below this share of the largest are zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,20 @@ class Model:
         require_finite_effectiveness(matrix)
         require_valid_bounds(bounds)
         return cls(matrix, bounds)
+
+    @property
+    def lost_directions(self) -> FloatArray:
+        """(k, m): unit vectors of the rate changes that no firing gives, k being m less the rank.
+
+        Only for a single matrix. Axes are weighed by their largest effectiveness, so that the vectors are
+        shares of authority; an axis on which nothing acts is a lost direction of its own.
+        """
+        largest = np.abs(self.effectiveness).max(axis=-1)
+        weight = np.where(largest > 0.0, 1.0 / np.where(largest > 0.0, largest, 1.0), 0.0)
+        left, values, _ = np.linalg.svd(self.effectiveness * weight[:, np.newaxis])
+        rank = int((values > _RANK_TOLERANCE * values.max(initial=0.0)).sum())
+        directions: FloatArray = left[:, rank:].T.copy()
+        return directions
 
     def overridden(self, effectiveness: ArrayLike | None, max_on_time: ArrayLike | None) -> Model:
         """This model with what a call brought in its place; leading axes are kept.
@@ -141,73 +156,3 @@ def matrix_times_vector(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Products (..., rows) of matrices (..., rows, columns) and vectors (..., columns)."""
     product: FloatArray = np.einsum("...rc,...c->...r", matrix, vector)
     return product
-
-
-def allocation_with_total_on_time(command: FloatArray, model: Model, on_times: FloatArray) -> Allocation:
-    """The allocation of a mapper without an objective of its own: its cost is the total on-time, s."""
-    slack = command - matrix_times_vector(model.effectiveness, on_times)
-    return Allocation(
-        on_times=on_times,
-        slack=slack,
-        cost=np.asarray(on_times.sum(axis=-1)),
-        status=np.zeros(on_times.shape[:-1], np.int64),
-    )
-
-
-class ClosedFormMapper(ABC):
-    """A mapper that is a formula: it checks the call, and a subclass says which on-times it gives.
-
-    A subclass works out what it needs to know of an effectiveness (`_prepare`), and from that the on-times of
-    a command (`_on_times`), which are then clipped to what is possible.
-
-    Attributes:
-        effectiveness: (m, n), m/s^2 then rad/s^2; read-only.
-        max_on_time: (n,), s; read-only.
-    """
-
-    def __init__(
-        self, spacecraft: Spacecraft | str | Path | ArrayLike, max_on_time: ArrayLike | None = None
-    ) -> None:
-        self._model = Model.of(spacecraft, max_on_time)
-        self._model.effectiveness.setflags(write=False)
-        self._model.max_on_time.setflags(write=False)
-        self._prepared = self._prepare(self._model.effectiveness)
-
-    @property
-    def effectiveness(self) -> FloatArray:
-        """(m, n): rate change per second of firing, m/s^2 then rad/s^2."""
-        return self._model.effectiveness
-
-    @property
-    def max_on_time(self) -> FloatArray:
-        """(n,), s: the longest on-time of each thruster."""
-        return self._model.max_on_time
-
-    def __call__(
-        self,
-        command: ArrayLike,
-        *,
-        effectiveness: ArrayLike | None = None,
-        max_on_time: ArrayLike | None = None,
-    ) -> Allocation:
-        """Allocate a command (..., m), m/s then rad/s, body frame; see `thruster_envs.protocols.Mapper`.
-
-        Raises:
-            ValueError: A wrong shape, or a value that is not finite or (on-times) negative.
-        """
-        command = np.array(command, dtype=np.float64)
-        require_command_shape(command, self.effectiveness.shape[0])
-        require_finite_command(command)
-        model = self._model.overridden(effectiveness, max_on_time)
-        prepared = self._prepared if effectiveness is None else self._prepare(model.effectiveness)
-        on_times = np.clip(self._on_times(command, *prepared), 0.0, model.max_on_time)
-        command = np.broadcast_to(command, (*on_times.shape[:-1], command.shape[-1]))
-        return allocation_with_total_on_time(command, model, on_times)
-
-    @abstractmethod
-    def _prepare(self, effectiveness: FloatArray) -> tuple[FloatArray, ...]:
-        """What `_on_times` needs to know of an effectiveness (..., m, n)."""
-
-    @abstractmethod
-    def _on_times(self, command: FloatArray, *prepared: FloatArray) -> FloatArray:
-        """On-times (..., n) in s, not yet clipped, for a checked command (..., m)."""

@@ -1,0 +1,282 @@
+"""What all mappers here share: the checks at the door, and the forms in which a mapper can be written.
+
+A mapper is a formula over a whole batch (`ClosedFormMapper`), a solver that takes one problem after the other
+(`SolverMapper`), or a compiled kernel (`CompiledMapper`). The last two minimise
+`fuel_cost @ on_times + slack_cost @ abs(slack)` in one way or another and so have weights (`WeightedMapper`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thruster_baselines.mapping.model import (
+    Model,
+    matrix_times_vector,
+    require_command_shape,
+    require_finite_command,
+)
+from thruster_envs.protocols import Allocation, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft, objective_weights
+
+__all__ = ["BaseMapper", "ClosedFormMapper", "CompiledMapper", "SolverMapper", "WeightedMapper"]
+
+
+class BaseMapper(ABC):
+    """A mapper that checks what a call brings and hands clean arrays on.
+
+    Attributes:
+        effectiveness: (m, n), m/s^2 then rad/s^2; read-only.
+        max_on_time: (n,), s; read-only.
+        lost_directions: (k, m), rate changes that no firing gives; empty for a model of full rank.
+    """
+
+    def __init__(
+        self, spacecraft: Spacecraft | str | Path | ArrayLike, max_on_time: ArrayLike | None = None
+    ) -> None:
+        self._model = Model.of(spacecraft, max_on_time)
+
+    @property
+    def effectiveness(self) -> FloatArray:
+        """(m, n): rate change per second of firing, m/s^2 then rad/s^2."""
+        return _read_only(self._model.effectiveness)
+
+    @property
+    def max_on_time(self) -> FloatArray:
+        """(n,), s: the longest on-time of each thruster."""
+        return _read_only(self._model.max_on_time)
+
+    @property
+    def lost_directions(self) -> FloatArray:
+        """(k, m): unit vectors, in shares of authority, of what no firing gives; k is 0 for a full rank."""
+        return self._model.lost_directions
+
+    def __call__(
+        self,
+        command: ArrayLike,
+        *,
+        effectiveness: ArrayLike | None = None,
+        max_on_time: ArrayLike | None = None,
+    ) -> Allocation:
+        """Allocate a command (..., m), m/s then rad/s, body frame; see `thruster_envs.protocols.Mapper`.
+
+        Raises:
+            ValueError: A wrong shape, a command or effectiveness that is not finite, an on-time bound that
+                is negative or NaN.
+        """
+        command = np.array(command, dtype=np.float64, order="C")  # a copy: contiguous and writeable
+        require_command_shape(command, self._model.effectiveness.shape[0])
+        require_finite_command(command)
+        if effectiveness is None and max_on_time is None:
+            return self._allocate(command, self._model)
+        return self._allocate(command, self._model.overridden(effectiveness, max_on_time))
+
+    @abstractmethod
+    def _allocate(self, command: FloatArray, model: Model) -> Allocation:
+        """Answer a checked command (..., m) under a checked model; leading axes broadcast."""
+
+
+class ClosedFormMapper(BaseMapper):
+    """A mapper that is a formula, worked out for a whole batch at once.
+
+    A subclass works out what it needs to know of an effectiveness (`_prepare`), and from that the on-times of
+    a command (`_on_times`), which are then clipped to what is possible.
+    """
+
+    def __init__(
+        self, spacecraft: Spacecraft | str | Path | ArrayLike, max_on_time: ArrayLike | None = None
+    ) -> None:
+        super().__init__(spacecraft, max_on_time)
+        self._prepared = self._prepare(self._model.effectiveness)
+
+    def _allocate(self, command: FloatArray, model: Model) -> Allocation:
+        own = model.effectiveness is self._model.effectiveness
+        prepared = self._prepared if own else self._prepare(model.effectiveness)
+        on_times = np.clip(self._on_times(command, *prepared), 0.0, model.max_on_time)
+        command = np.broadcast_to(command, (*on_times.shape[:-1], command.shape[-1]))
+        return Allocation(
+            on_times=on_times,
+            slack=command - matrix_times_vector(model.effectiveness, on_times),
+            cost=np.asarray(on_times.sum(axis=-1)),
+            status=np.zeros(on_times.shape[:-1], np.int64),
+        )
+
+    @abstractmethod
+    def _prepare(self, effectiveness: FloatArray) -> tuple[FloatArray, ...]:
+        """What `_on_times` needs to know of an effectiveness (..., m, n)."""
+
+    @abstractmethod
+    def _on_times(self, command: FloatArray, *prepared: FloatArray) -> FloatArray:
+        """On-times (..., n) in s, not yet clipped, for a checked command (..., m)."""
+
+
+class WeightedMapper(BaseMapper):
+    """A mapper that weighs firing against missing.
+
+    Args:
+        spacecraft: Description, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        max_on_time: (n,) or one number, s; a spacecraft's default is its control period.
+        fuel_cost: (n,) or one number, per s of firing; raise an entry to spare that thruster.
+        slack_cost: (m,) or one number, per m/s then per rad/s of miss. The default is so large that
+            tracking always comes before fuel; see `thruster_envs.spacecraft.objective_weights`.
+
+    Attributes:
+        fuel_cost: (n,), per s; read-only.
+        slack_cost: (m,), per m/s then per rad/s; read-only.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        max_on_time: ArrayLike | None = None,
+        fuel_cost: ArrayLike | None = None,
+        slack_cost: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(spacecraft, max_on_time)
+        m, n = self._model.effectiveness.shape
+        if fuel_cost is None or slack_cost is None:
+            default_fuel, default_slack = objective_weights(self._model.effectiveness, 1.0)  # period cancels
+            fuel_cost = default_fuel if fuel_cost is None else fuel_cost
+            slack_cost = default_slack if slack_cost is None else slack_cost
+        self._fuel_cost = _weights(fuel_cost, n, "fuel_cost of thruster", 1)
+        self._slack_cost = _weights(slack_cost, m, "slack_cost of axis", 0)
+
+    @property
+    def fuel_cost(self) -> FloatArray:
+        """(n,), per s of firing."""
+        return _read_only(self._fuel_cost)
+
+    @property
+    def slack_cost(self) -> FloatArray:
+        """(m,), per m/s then per rad/s of miss."""
+        return _read_only(self._slack_cost)
+
+
+class SolverMapper(WeightedMapper):
+    """A mapper that hands one problem after the other to a solver."""
+
+    def _allocate(self, command: FloatArray, model: Model) -> Allocation:
+        m, n = self._model.effectiveness.shape
+        leading = leading_axes(command, model)
+        commands = np.broadcast_to(command, (*leading, m))
+        matrices = np.broadcast_to(model.effectiveness, (*leading, m, n))
+        bounds = np.broadcast_to(model.max_on_time, (*leading, n))
+        on_times, cost, status = np.empty((*leading, n)), np.empty(leading), np.empty(leading, np.int64)
+        for at in np.ndindex(leading):
+            solution, cost[at], status[at] = self._solve(commands[at], matrices[at], bounds[at])
+            on_times[at] = np.clip(solution, 0.0, bounds[at])
+        slack = commands - matrix_times_vector(matrices, on_times)
+        return Allocation(on_times, slack, cost, status)
+
+    @abstractmethod
+    def _solve(
+        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
+    ) -> tuple[FloatArray, float, int]:
+        """On-times (n,) in s, objective and status (0 for the optimum) of one problem."""
+
+
+class CompiledMapper(WeightedMapper):
+    """A mapper that is a compiled kernel over a batch, which threads may share.
+
+    Args:
+        spacecraft: Description, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        max_on_time: (n,) or one number, s; a spacecraft's default is its control period.
+        fuel_cost: (n,) or one number, per s of firing; raise an entry to spare that thruster.
+        slack_cost: (m,) or one number, per m/s then per rad/s of miss.
+        threads: Threads that share a large batch; by default one per processor. Does not change the result.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        max_on_time: ArrayLike | None = None,
+        fuel_cost: ArrayLike | None = None,
+        slack_cost: ArrayLike | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if threads is not None and threads < 1:
+            raise ValueError(f"threads is {threads}; one or more, or None, would be right")
+        super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost)
+        self._threads = threads
+
+    def _allocate(self, command: FloatArray, model: Model) -> Allocation:
+        m, n = self._model.effectiveness.shape
+        leading = leading_axes(command, model)
+        on_times, slack, cost, report = self._run(
+            _whole(command, leading, (m,)).reshape(-1, m),
+            _each_or_shared(model.effectiveness, leading, (m, n)),
+            _each_or_shared(model.max_on_time, leading, (n,)),
+        )
+        return self._answer(
+            on_times.reshape(*leading, n),
+            slack.reshape(*leading, m),
+            cost.reshape(leading),
+            report.reshape(*leading, report.shape[-1]),
+        )
+
+    @abstractmethod
+    def _run(
+        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Solve (batch, m) commands; effectiveness and bounds have a leading axis of batch or of 1.
+
+        Returns:
+            on_times (batch, n) in s, slack (batch, m) in command units, cost (batch,), and a report (batch,
+            k) that begins with the status.
+        """
+
+    def _answer(
+        self, on_times: FloatArray, slack: FloatArray, cost: FloatArray, report: IntArray
+    ) -> Allocation:
+        """The allocation, all arrays in the shape of the call."""
+        return Allocation(on_times, slack, cost, report[..., 0].copy())
+
+
+def leading_axes(command: FloatArray, model: Model) -> tuple[int, ...]:
+    """The batch axes of a call."""
+    return np.broadcast_shapes(
+        command.shape[:-1], model.effectiveness.shape[:-2], model.max_on_time.shape[:-1]
+    )
+
+
+def plain(array: FloatArray) -> FloatArray:
+    """The array as a compiled kernel wants it, contiguous and writeable; copied only if it is not."""
+    return array if array.flags.c_contiguous and array.flags.writeable else array.copy()
+
+
+def _each_or_shared(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
+    """The array with its leading axes made one: as long as the batch, or of length one if all share it."""
+    if array.shape == trailing:
+        return plain(array)[np.newaxis]
+    return _whole(array, leading, trailing).reshape(-1, *trailing)
+
+
+def _whole(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
+    """The array with all of these axes, fit for a compiled kernel."""
+    shape = leading + trailing
+    return plain(array) if array.shape == shape else np.broadcast_to(array, shape).copy()
+
+
+def _weights(given: ArrayLike, size: int, what: str, first: int) -> FloatArray:
+    """A cost vector from one number or one per entry; finite and not negative."""
+    values = np.array(given, dtype=np.float64)
+    if values.ndim == 0:
+        values = np.full(size, values)
+    if values.shape != (size,):
+        raise ValueError(f"{what.split()[0]} has the shape {values.shape}; ({size},) would be right")
+    valid = np.isfinite(values) & (values >= 0.0)
+    if not valid.all():
+        index = int(np.argmin(valid))
+        raise ValueError(
+            f"{what} {index + first} is {values[index]}; a finite number, zero or more, would be right"
+        )
+    return values
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    view = array.view()
+    view.setflags(write=False)
+    return view
