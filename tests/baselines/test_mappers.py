@@ -47,7 +47,7 @@ def test_without_thruster_1_the_command_costs_twice_the_fuel_and_needs_longer_th
 
 def test_slack_cost_of_the_source_is_too_small_after_a_fault():
     # One m/s of -x costs 1000 s of firing without thruster 1: just below that price the axis is given up.
-    mapper = LPMapper(orion_with(t1=0.0), max_on_time=1e3, slack_cost=999.0)
+    mapper = LPMapper(orion_with(t1=0.0), max_on_time=1e3, slack_cost=999.0, fuel_may_win=True)
     allocation = mapper(DIAGONAL)
     assert set(open_thrusters(allocation.on_times)) == {6, 12}
     np.testing.assert_allclose(allocation.slack, [-0.027, 0, 0, 0, 0, 0], atol=1e-12)

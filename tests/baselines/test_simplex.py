@@ -39,16 +39,16 @@ def random_problems(seed: int, count: int) -> tuple[np.ndarray, ...]:
 
     fuel_cost = rng.uniform(0.5, 3.0, THRUSTERS) if seed % 2 else np.ones(THRUSTERS)
     slack_cost = 10.0 ** rng.uniform(1.0, 4.0) * 10.0 ** rng.uniform(-1.0, 1.0, AXES)
-    return command, effectiveness, max_on_time, fuel_cost, slack_cost
+    return command, effectiveness, max_on_time, fuel_cost[np.newaxis], slack_cost
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_objective_is_that_of_highs(highs_optimum, seed):
     command, effectiveness, max_on_time, fuel_cost, slack_cost = random_problems(seed, 1000)
-    on_times, slack, cost, status = solve_batch(command, effectiveness, max_on_time, fuel_cost, slack_cost)
-    assert (status == OPTIMAL).all()
+    on_times, slack, cost, report = solve_batch(command, effectiveness, max_on_time, fuel_cost, slack_cost)
+    assert (report[:, 0] == OPTIMAL).all()
     expected = [
-        highs_optimum(*problem, fuel_cost, slack_cost)
+        highs_optimum(*problem, fuel_cost[0], slack_cost)
         for problem in zip(command, effectiveness, max_on_time, strict=True)
     ]
     np.testing.assert_allclose(cost, expected, rtol=1e-9, atol=1e-14)
@@ -59,7 +59,7 @@ def test_objective_is_that_of_highs(highs_optimum, seed):
     size = np.abs(command) + np.einsum("bkj,bj->bk", np.abs(effectiveness), on_times)
     assert (np.abs(command - slack - achieved) <= 1e-14 * size).all()
     np.testing.assert_allclose(
-        cost, on_times @ fuel_cost + np.abs(slack) @ slack_cost, rtol=1e-13, atol=1e-300
+        cost, on_times @ fuel_cost[0] + np.abs(slack) @ slack_cost, rtol=1e-13, atol=1e-300
     )
 
 
@@ -111,10 +111,10 @@ def test_other_sizes(highs_optimum, axes, thrusters):
     effectiveness = rng.normal(size=(1, axes, thrusters))
     command = rng.normal(size=(50, axes))
     max_on_time = np.full((1, thrusters), 1.0)
-    fuel_cost, slack_cost = np.ones(thrusters), np.full(axes, 100.0)
+    fuel_cost, slack_cost = np.ones((1, thrusters)), np.full(axes, 100.0)
     _, _, cost, _ = solve_batch(command, effectiveness, max_on_time, fuel_cost, slack_cost)
     expected = [
-        highs_optimum(one, effectiveness[0], max_on_time[0], fuel_cost, slack_cost) for one in command
+        highs_optimum(one, effectiveness[0], max_on_time[0], fuel_cost[0], slack_cost) for one in command
     ]
     np.testing.assert_allclose(cost, expected, rtol=1e-9)
 
@@ -125,9 +125,9 @@ def test_degenerate_corner_does_not_cycle():
     effectiveness = np.hstack([corners, corners, -corners])[np.newaxis]
     command = np.ascontiguousarray(corners.T) * 3.0
     answer = solve_batch(
-        command, effectiveness, np.ones((1, effectiveness.shape[2])), np.ones(81), np.full(3, 50.0)
+        command, effectiveness, np.ones((1, effectiveness.shape[2])), np.ones((1, 81)), np.full(3, 50.0)
     )
-    assert (answer[3] == OPTIMAL).all()
+    assert (answer[3][:, 0] == OPTIMAL).all()
     # a thruster along each corner exists, and three of them have the whole bound each
     np.testing.assert_allclose(
         answer[2], np.where(np.abs(command).any(axis=1), 3.0, 0.0), rtol=1e-12, atol=1e-12

@@ -19,6 +19,7 @@ from thruster_baselines.mapping.model import (
     require_command_shape,
     require_finite_command,
 )
+from thruster_baselines.mapping.simplex import NOT_FINITE, OPTIMAL, solve_batch
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, objective_weights
 
@@ -122,6 +123,7 @@ class WeightedMapper(BaseMapper):
         fuel_cost: (n,) or one number, per s of firing; raise an entry to spare that thruster.
         slack_cost: (m,) or one number, per m/s then per rad/s of miss. The default is so large that
             tracking always comes before fuel; see `thruster_envs.spacecraft.objective_weights`.
+        fuel_may_win: Accept costs at which leaving an axis alone is cheaper than serving it.
 
     Attributes:
         fuel_cost: (n,), per s; read-only.
@@ -134,15 +136,20 @@ class WeightedMapper(BaseMapper):
         max_on_time: ArrayLike | None = None,
         fuel_cost: ArrayLike | None = None,
         slack_cost: ArrayLike | None = None,
+        *,
+        fuel_may_win: bool = False,
     ) -> None:
         super().__init__(spacecraft, max_on_time)
         m, n = self._model.effectiveness.shape
+        given = fuel_cost is not None or slack_cost is not None
         if fuel_cost is None or slack_cost is None:
             default_fuel, default_slack = objective_weights(self._model.effectiveness, 1.0)  # period cancels
             fuel_cost = default_fuel if fuel_cost is None else fuel_cost
             slack_cost = default_slack if slack_cost is None else slack_cost
         self._fuel_cost = _weights(fuel_cost, n, "fuel_cost of thruster", 1)
         self._slack_cost = _weights(slack_cost, m, "slack_cost of axis", 0)
+        if given and not fuel_may_win:
+            _require_tracking_first(self._model.effectiveness, self._fuel_cost, self._slack_cost)
 
     @property
     def fuel_cost(self) -> FloatArray:
@@ -187,6 +194,7 @@ class CompiledMapper(WeightedMapper):
         fuel_cost: (n,) or one number, per s of firing; raise an entry to spare that thruster.
         slack_cost: (m,) or one number, per m/s then per rad/s of miss.
         threads: Threads that share a large batch; by default one per processor. Does not change the result.
+        fuel_may_win: Accept costs at which leaving an axis alone is cheaper than serving it.
     """
 
     def __init__(
@@ -196,10 +204,12 @@ class CompiledMapper(WeightedMapper):
         fuel_cost: ArrayLike | None = None,
         slack_cost: ArrayLike | None = None,
         threads: int | None = None,
+        *,
+        fuel_may_win: bool = False,
     ) -> None:
         if threads is not None and threads < 1:
             raise ValueError(f"threads is {threads}; one or more, or None, would be right")
-        super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost)
+        super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, fuel_may_win=fuel_may_win)
         self._threads = threads
 
     def _allocate(self, command: FloatArray, model: Model) -> Allocation:
@@ -233,6 +243,25 @@ class CompiledMapper(WeightedMapper):
     ) -> Allocation:
         """The allocation, all arrays in the shape of the call."""
         return Allocation(on_times, slack, cost, report[..., 0].copy())
+
+
+def raise_unless_optimal(command: FloatArray, report: IntArray) -> None:
+    """Raise the error that belongs to the reports (..., k) of a batch, unless all are of optima.
+
+    Raises:
+        ValueError: A command (..., m) that is not finite.
+        RuntimeError: A solver that stopped before the optimum; says at which command, and after how much.
+    """
+    if not report[..., 0].any():
+        return
+    if (report[..., 0] == NOT_FINITE).any():
+        require_finite_command(command)
+    where = tuple(np.argwhere(report[..., 0] != OPTIMAL)[0].tolist())
+    raise RuntimeError(
+        f"the simplex method did not reach the optimum for the command {command[where].tolist()} in "
+        f"{report[where][1]} changes of basis and {report[where][2]} of bound; effectiveness, bounds and "
+        "costs within 12 orders of magnitude of each other would be right"
+    )
 
 
 def leading_axes(command: FloatArray, model: Model) -> tuple[int, ...]:
@@ -274,6 +303,35 @@ def _weights(given: ArrayLike, size: int, what: str, first: int) -> FloatArray:
             f"{what} {index + first} is {values[index]}; a finite number, zero or more, would be right"
         )
     return values
+
+
+_EXACT = 1e6
+"""How much dearer a miss is made to find out what serving an axis takes in fuel alone."""
+
+
+def _require_tracking_first(effectiveness: FloatArray, fuel_cost: FloatArray, slack_cost: FloatArray) -> None:
+    """Raise ValueError if some rate change along one axis costs more fuel than missing it would.
+
+    Directions that no firing gives are passed over; no price of a miss could help there.
+    """
+    m, n = effectiveness.shape
+    largest = np.abs(effectiveness).max(axis=1)
+    unit = np.where(largest > 0.0, largest, 1.0)  # one second of the strongest thruster
+    commands = np.concatenate([np.diag(unit), np.diag(-unit)])
+    _, slack, cost, report = solve_batch(
+        commands, effectiveness[np.newaxis], np.full((1, n), np.inf), fuel_cost[np.newaxis],
+        _EXACT * np.maximum(slack_cost, fuel_cost.max() / unit),
+    )  # fmt: skip
+    served = (report[:, 0] == OPTIMAL) & (np.abs(slack) <= 1e-9 * unit).all(axis=1)
+    price = np.where(served, cost, 0.0).reshape(2, m) / unit
+    axis = int(np.argmax(price.max(axis=0) / np.maximum(slack_cost, np.finfo(np.float64).tiny)))
+    dearest = float(price[:, axis].max())
+    if dearest > slack_cost[axis] * (1.0 + 1e-9):
+        raise ValueError(
+            f"slack_cost of axis {axis} is {slack_cost[axis]:g} while serving that axis costs up to "
+            f"{dearest:g} of fuel, so that fuel would win over tracking; above {dearest:g}, or "
+            "fuel_may_win=True, would be right"
+        )
 
 
 def _read_only(array: FloatArray) -> FloatArray:

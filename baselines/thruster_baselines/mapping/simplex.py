@@ -15,12 +15,14 @@ Only the columns of the positive slacks are kept: those of the negative ones are
 their bound are priced with a sign in place of being reflected. Should the objective stand still for as many
 pivots as there are variables, Bland's rule takes over, so that the method cannot cycle.
 
-The answer is a vertex: no more thrusters than rows are open for part of the period. It depends on
+The answer is a vertex: no more thrusters than rows are open for part of the period. Where several vertices
+are equally cheap, it moves from the first one found to a neighbouring one for as long as that leaves fewer
+thrusters open: fewer open thrusters cost each other less of a shared feed. It depends on
 the problem alone, to the last bit: not on the batch that it is solved in, nor on the number of
-threads.
+threads. `thruster_baselines.mapping.sequence` starts a command from the basis of the one before.
 
-Left out: warm starts, equality with other solvers' choice among equally cheap vertices, and
-coupling between thrusters (`thruster_baselines.control.coupling` inflates on-times for that).
+Left out: equality with other solvers' choice among equally cheap vertices, the fewest open thrusters of all
+optima (which would take a search), and coupling between thrusters (`thruster_baselines.mapping.coupling`).
 """
 
 from __future__ import annotations
@@ -28,13 +30,22 @@ from __future__ import annotations
 import itertools
 import os
 import threading
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
 from thruster_envs.protocols import FloatArray, IntArray
 
-__all__ = ["NOT_CONVERGED", "NOT_FINITE", "OPTIMAL", "PARALLEL_FROM", "solve_batch", "solve_range"]
+__all__ = [
+    "NOT_CONVERGED",
+    "NOT_FINITE",
+    "OPTIMAL",
+    "PARALLEL_FROM",
+    "in_threads",
+    "solve_batch",
+    "solve_range",
+]
 
 OPTIMAL = 0
 NOT_FINITE = 1
@@ -43,18 +54,18 @@ NOT_CONVERGED = 2
 PARALLEL_FROM = 512
 """Smallest batch that is shared between threads; below it, starting a thread costs more than it saves."""
 
-_OPTIMALITY = 1e-12  # smallest reduced cost worth a pivot, in units of one slack's cost
-_PIVOT = 1e-9  # smallest entry to pivot on; the scaled entries are of order one
-_TIE = 1e-13  # steps that differ by less than this share of the largest scaled command are equal
-_PIVOTS_PER_VARIABLE = 100  # give up after so many; a half is common
-_LANES = 8  # float64 numbers in the widest vector register
+OPTIMALITY = 1e-12  # smallest reduced cost worth a pivot, in units of one slack's cost
+PIVOT = 1e-9  # smallest entry to pivot on; the scaled entries are of order one
+TIE = 1e-13  # steps that differ by less than this share of the largest scaled command are equal
+PIVOTS_PER_VARIABLE = 100  # give up after so many; a half is common
+LANES = 8  # float64 numbers in the widest vector register
 
-# Rows of the working array `w` of one problem. By basic variable: its value, its largest value, the rate at
-# which it falls as the entering one grows, the step to where it stops that, its number. By variable: where it
-# stands, its bound, the unit that it is scaled by, what it would gain. Then the pivot row. From `_TABLEAU` on
-# the tableau Y = B^-1 [K A, I]; its last row is z, the reduced costs c_B Y_j - c_j of the thrusters and the
-# multipliers of the slacks.
-_VALUE, _CEILING, _FALL, _RATIO, _BASIS, _SIGN, _BOUND, _SCALE, _GAIN, _PIVOT_ROW, _TABLEAU = range(11)
+# Rows of the working array `w` of one problem, for this package's kernels. By basic variable: its value, its
+# largest value, the rate at which it falls as the entering one grows, the step to where it stops that, its
+# number. By variable: where it stands, its bound, the unit that it is scaled by, what it would gain. Then the
+# pivot row. From `TABLEAU` on the tableau Y = B^-1 [K A, I]; its last row is z, the reduced costs
+# c_B Y_j - c_j of the thrusters and the multipliers of the slacks.
+VALUE, CEILING, FALL, RATIO, BASIS, SIGN, BOUND, SCALE, GAIN, PIVOT_ROW, TABLEAU = range(11)
 
 
 def solve_batch(
@@ -71,35 +82,25 @@ def solve_batch(
         command: (batch, m), m/s then rad/s.
         effectiveness: (batch, m, n), or (1, m, n) for all, m/s^2 then rad/s^2.
         max_on_time: (batch, n), or (1, n) for all, s; not negative, may be infinite.
-        fuel_cost: (n,), per s; not negative.
+        fuel_cost: (batch, n), or (1, n) for all, per s; not negative.
         slack_cost: (m,), per m/s then per rad/s; not negative.
         threads: how many threads share the batch. By default as many as there are processors, if
             the batch is large enough (`PARALLEL_FROM`). The result is the same.
 
     Returns:
-        on_times (batch, n) in s, slack (batch, m) in command units, cost (batch,), status (batch,):
-        `OPTIMAL`, `NOT_FINITE` or `NOT_CONVERGED`, with the other three meaningless in the last two
-        cases.
+        on_times (batch, n) in s, slack (batch, m) in command units, cost (batch,) and a report (batch, 3):
+        status (`OPTIMAL`, `NOT_FINITE` or `NOT_CONVERGED`; in the last two cases the other arrays are
+        zero), changes of basis, and runs of a thruster from bound to bound.
     """
     batch, axes = command.shape
-    on_times = np.empty((batch, effectiveness.shape[2]))
-    slack = np.empty((batch, axes))
-    cost = np.empty(batch)
-    status = np.empty(batch, np.int64)
+    answer = (
+        np.empty((batch, effectiveness.shape[2])),
+        np.empty((batch, axes)),
+        np.empty(batch),
+        np.empty((batch, 3), np.int64),
+    )
     problem = (command, effectiveness, max_on_time, fuel_cost, slack_cost)
-    answer = (on_times, slack, cost, status)
-    if threads is None:
-        threads = min(_processors(), 2 * batch // PARALLEL_FROM) if batch >= PARALLEL_FROM else 1
-    edges = np.linspace(0, batch, max(threads, 1) + 1).astype(int).tolist()
-    helpers = [
-        threading.Thread(target=solve_range, args=(*problem, *answer, first, last))
-        for first, last in itertools.pairwise(edges[1:])
-    ]
-    for helper in helpers:
-        helper.start()
-    solve_range(*problem, *answer, edges[0], edges[1])
-    for helper in helpers:
-        helper.join()
+    in_threads(lambda first, last: solve_range(*problem, *answer, first, last), batch, threads)
     return answer
 
 
@@ -113,139 +114,243 @@ def solve_range(
     on_times: FloatArray,
     slack: FloatArray,
     cost: FloatArray,
-    status: IntArray,
+    report: IntArray,
     first: int,
     last: int,
 ) -> None:
     """Solve problems `first` to `last` (excluded) of a batch into the given arrays; see `solve_batch`."""
     m, n = effectiveness.shape[1:]
-    width = (m + n + _LANES - 1) // _LANES * _LANES  # whole vector registers: no remainder to loop over
-    w = np.empty((_TABLEAU + m + 1, width))
+    w = np.empty(tableau_shape(m, n))
     own_effectiveness, own_bounds = effectiveness.shape[0] > 1, max_on_time.shape[0] > 1
+    own_costs = fuel_cost.shape[0] > 1
     for i in range(first, last):
-        a = i if own_effectiveness else 0
-        b = i if own_bounds else 0
-
-        # The scaled tableau with every slack basic.
-        z = _TABLEAU + m
-        for j in range(n):
-            w[_SCALE, j] = 0.0
-        for k in range(m):
-            weight = slack_cost[k]
-            for j in range(n):
-                w[_TABLEAU + k, j] = weight * effectiveness[a, k, j]
-                w[_SCALE, j] = max(w[_SCALE, j], abs(w[_TABLEAU + k, j]))
-        for j in range(n):
-            usable = w[_SCALE, j] > 0.0 and max_on_time[b, j] > 0.0
-            w[_SCALE, j] = w[_SCALE, j] if usable else 1.0
-            w[_PIVOT_ROW, j] = 1.0 / w[_SCALE, j] if usable else 0.0  # one that cannot act never enters
-            w[_BOUND, j] = max_on_time[b, j] * w[_SCALE, j]
-            w[_SIGN, j] = 1.0
-            w[z, j] = -fuel_cost[j] / w[_SCALE, j] if usable else -1.0
-        magnitude = 0.0
-        finite = 0.0
-        for k in range(m):
-            demand = slack_cost[k] * command[i, k]
-            finite += command[i, k] * 0.0
-            side = 1.0 if demand >= 0.0 else -1.0
-            w[_VALUE, k] = abs(demand)
-            magnitude = max(magnitude, abs(demand))
-            w[_CEILING, k] = np.inf
-            w[_BASIS, k] = n + k
-            for j in range(n):
-                w[_TABLEAU + k, j] *= side * w[_PIVOT_ROW, j]
-                w[z, j] += w[_TABLEAU + k, j]
-            for j in range(n, width):
-                w[_TABLEAU + k, j] = 0.0
-            w[_TABLEAU + k, n + k] = side
-        for j in range(n, width):
-            w[z, j] = 0.0
-        for k in range(m):
-            w[z, n + k] = w[_TABLEAU + k, n + k]
-            w[_SIGN, n + k] = w[_TABLEAU + k, n + k]
-
-        magnitude += finite
-        if not magnitude < np.inf:
-            status[i] = NOT_FINITE
-            continue
-        tie = _TIE * magnitude
-        status[i] = _pivot_to_optimum(w, m, n, tie) if magnitude > 0.0 else OPTIMAL
-
-        # On-times of the final basis (round-off opens or closes no thruster), and the slack that they leave.
-        for j in range(n):
-            on_times[i, j] = max_on_time[b, j] if w[_SIGN, j] < 0.0 else 0.0
-        for r in range(m):
-            j = int(w[_BASIS, r])
-            if j < n:
-                if w[_VALUE, r] <= tie:
-                    on_times[i, j] = 0.0
-                elif w[_VALUE, r] >= w[_CEILING, r] - tie:
-                    on_times[i, j] = max_on_time[b, j]
-                else:
-                    on_times[i, j] = min(w[_VALUE, r] / w[_SCALE, j], max_on_time[b, j])
-        total = 0.0
-        for j in range(n):
-            total += fuel_cost[j] * on_times[i, j]
-        for k in range(m):
-            rest = command[i, k]
-            for j in range(n):
-                rest -= effectiveness[a, k, j] * on_times[i, j]
-            slack[i, k] = rest
-            total += slack_cost[k] * abs(rest)
-        cost[i] = total
+        a = effectiveness[i if own_effectiveness else 0]
+        b = max_on_time[i if own_bounds else 0]
+        c = fuel_cost[i if own_costs else 0]
+        report[i] = 0
+        magnitude = start(w, command[i], a, b, c, slack_cost)
+        solve_from_start(w, m, n, magnitude, report[i])
+        cost[i] = read(w, magnitude, command[i], a, b, c, slack_cost, report[i, 0], on_times[i], slack[i])
 
 
 @njit(forceinline=True, error_model="numpy")
-def _pivot_to_optimum(w: FloatArray, m: int, n: int, tie: float) -> int:
-    """Pivot from the starting tableau to the optimal one; return the status.
+def tableau_shape(m: int, n: int) -> tuple[int, int]:
+    """Shape of the working array of one problem; whole vector registers, with no remainder to loop over."""
+    return TABLEAU + m + 1, (m + n + LANES - 1) // LANES * LANES
+
+
+@njit(forceinline=True, error_model="numpy")
+def start(
+    w: FloatArray,
+    command: FloatArray,
+    effectiveness: FloatArray,
+    max_on_time: FloatArray,
+    fuel_cost: FloatArray,
+    slack_cost: FloatArray,
+) -> float:
+    """Set up the scaled tableau with every slack basic; return the largest scaled command, or NaN."""
+    m, n = effectiveness.shape
+    width = w.shape[1]
+    z = TABLEAU + m
+    for j in range(n):
+        w[SCALE, j] = 0.0
+    for k in range(m):
+        weight = slack_cost[k]
+        for j in range(n):
+            w[TABLEAU + k, j] = weight * effectiveness[k, j]
+            w[SCALE, j] = max(w[SCALE, j], abs(w[TABLEAU + k, j]))
+    for j in range(n):
+        usable = w[SCALE, j] > 0.0 and max_on_time[j] > 0.0
+        w[SCALE, j] = w[SCALE, j] if usable else 1.0
+        w[PIVOT_ROW, j] = 1.0 / w[SCALE, j] if usable else 0.0  # one that cannot act never enters
+        w[BOUND, j] = max_on_time[j] * w[SCALE, j]
+        w[SIGN, j] = 1.0
+        w[z, j] = -fuel_cost[j] / w[SCALE, j] if usable else -1.0
+    magnitude = 0.0
+    finite = 0.0
+    for k in range(m):
+        demand = slack_cost[k] * command[k]
+        finite += command[k] * 0.0
+        side = 1.0 if demand >= 0.0 else -1.0
+        w[VALUE, k] = abs(demand)
+        magnitude = max(magnitude, abs(demand))
+        w[CEILING, k] = np.inf
+        w[BASIS, k] = n + k
+        for j in range(n):
+            w[TABLEAU + k, j] *= side * w[PIVOT_ROW, j]
+            w[z, j] += w[TABLEAU + k, j]
+        for j in range(n, width):
+            w[TABLEAU + k, j] = 0.0
+        w[TABLEAU + k, n + k] = side
+    for j in range(n, width):
+        w[z, j] = 0.0
+    for k in range(m):
+        w[z, n + k] = w[TABLEAU + k, n + k]
+        w[SIGN, n + k] = w[TABLEAU + k, n + k]
+    return magnitude + finite
+
+
+@njit(forceinline=True, error_model="numpy")
+def solve_from_start(w: FloatArray, m: int, n: int, magnitude: float, report: IntArray) -> None:
+    """Pivot from the starting tableau to the answer; the status and the pivots are added to the report."""
+    if not magnitude < np.inf:
+        report[0] = NOT_FINITE
+    elif magnitude > 0.0:
+        report[0] = _pivot_to_optimum(w, m, n, TIE * magnitude, report)
+        if report[0] == OPTIMAL:
+            leave_fewer_open(w, m, n, TIE * magnitude, report)
+
+
+@njit(forceinline=True, error_model="numpy")
+def read(
+    w: FloatArray,
+    magnitude: float,
+    command: FloatArray,
+    effectiveness: FloatArray,
+    max_on_time: FloatArray,
+    fuel_cost: FloatArray,
+    slack_cost: FloatArray,
+    status: int,
+    on_times: FloatArray,
+    slack: FloatArray,
+) -> float:
+    """On-times of the final basis (round-off opens or closes no thruster), and the slack that they leave.
+
+    Returns the cost. Without an optimum all is zero: nothing half-done is left in the answer.
+    """
+    m, n = effectiveness.shape
+    if status != OPTIMAL:
+        on_times[:] = 0.0
+        slack[:] = 0.0
+        return 0.0
+    tie = TIE * magnitude
+    for j in range(n):
+        on_times[j] = max_on_time[j] if w[SIGN, j] < 0.0 else 0.0
+    for r in range(m):
+        j = int(w[BASIS, r])
+        if j < n:
+            if w[VALUE, r] <= tie:
+                on_times[j] = 0.0
+            elif w[VALUE, r] >= w[CEILING, r] - tie:
+                on_times[j] = max_on_time[j]
+            else:
+                on_times[j] = min(w[VALUE, r] / w[SCALE, j], max_on_time[j])
+    total = 0.0
+    for j in range(n):
+        total += fuel_cost[j] * on_times[j]
+    for k in range(m):
+        rest = command[k]
+        for j in range(n):
+            rest -= effectiveness[k, j] * on_times[j]
+        slack[k] = rest
+        total += slack_cost[k] * abs(rest)
+    return total
+
+
+@njit(forceinline=True, error_model="numpy")
+def _pivot_to_optimum(w: FloatArray, m: int, n: int, tie: float, report: IntArray) -> int:
+    """Pivot from the starting tableau to the optimal one, counting in the report; return the status.
 
     Variables 0..n-1 are the thrusters, n..n+m-1 the slacks. A thruster outside the basis stands at zero
     (sign 1) or at its bound (sign -1). A slack may enter with either sign.
     """
-    z = _TABLEAU + m
+    z = TABLEAU + m
     stalled = 0
-    for _ in range(_PIVOTS_PER_VARIABLE * (m + n)):
+    for _ in range(PIVOTS_PER_VARIABLE * (m + n)):
         careful = stalled >= m + n
         j = _entering(w, m, n, careful)
         if j < 0:
             return OPTIMAL
         if j < n:
-            direction, room = w[_SIGN, j], w[_BOUND, j]
+            direction, room = w[SIGN, j], w[BOUND, j]
         else:
             direction, room = (1.0 if w[z, j] > 0.0 else -1.0), np.inf
         p, step = _leaving(w, j, direction, m, tie, careful)
         if not min(step, room) < np.inf:
             return NOT_CONVERGED
 
-        if room <= step:  # the thruster runs from one of its bounds straight to the other
-            for r in range(m):
-                w[_VALUE, r] -= room * w[_FALL, r]
-            w[_SIGN, j] = -direction
-            stalled = 0
-            continue
-
-        stalled = stalled + 1 if step <= tie else 0
-        leaving = int(w[_BASIS, p])
-        if leaving < n:
-            w[_SIGN, leaving] = 1.0 if w[_FALL, p] > 0.0 else -1.0  # leaves at zero, or at its bound
-        for r in range(m):
-            w[_VALUE, r] -= step * w[_FALL, r]
-        w[_BASIS, p] = j
-        w[_CEILING, p] = room
-        if j < n:
-            w[_VALUE, p] = step if direction > 0.0 else room - step
-            for r in range(m + 1):
-                w[_FALL, r] = w[_TABLEAU + r, j]
-            _eliminate(w, p, m)
-            for r in range(m + 1):
-                w[_TABLEAU + r, j] = 0.0
-            w[_TABLEAU + p, j] = 1.0
-        else:
-            w[_VALUE, p] = step
-            w[_SIGN, j] = direction
-            w[_FALL, m] = w[_GAIN, j]
-            _eliminate(w, p, m)
+        report[2 if room <= step else 1] += 1
+        stalled = 0 if room <= step or step > tie else stalled + 1
+        _move(w, m, n, j, p, direction, step, room)
     return NOT_CONVERGED
+
+
+@njit(forceinline=True, error_model="numpy")
+def _move(w: FloatArray, m: int, n: int, j: int, p: int, direction: float, step: float, room: float) -> None:
+    """Let variable j run in its direction until row p stops it after `step`, or its own far bound at `room`.
+
+    `FALL` has to hold at which rates the basic variables fall (`_leaving` leaves them there).
+    """
+    if room <= step:  # the thruster runs from one of its bounds straight to the other
+        for r in range(m):
+            w[VALUE, r] -= room * w[FALL, r]
+        w[SIGN, j] = -direction
+        return
+    leaving = int(w[BASIS, p])
+    if leaving < n:
+        w[SIGN, leaving] = 1.0 if w[FALL, p] > 0.0 else -1.0  # leaves at zero, or at its bound
+    pivot(w, m, n, j, p, direction, step)
+
+
+@njit(forceinline=True, error_model="numpy")
+def pivot(w: FloatArray, m: int, n: int, j: int, p: int, direction: float, step: float) -> None:
+    """Take variable j, after it ran `step` in its direction, into the basis in place of the one in row p."""
+    for r in range(m):
+        w[VALUE, r] -= step * w[FALL, r]
+    w[BASIS, p] = j
+    z = TABLEAU + m
+    if j < n:
+        w[CEILING, p] = w[BOUND, j]
+        w[VALUE, p] = step if direction > 0.0 else w[BOUND, j] - step
+        w[SIGN, j] = 1.0
+        for r in range(m + 1):
+            w[FALL, r] = w[TABLEAU + r, j]
+        _eliminate(w, p, m)
+        for r in range(m + 1):
+            w[TABLEAU + r, j] = 0.0
+        w[TABLEAU + p, j] = 1.0
+    else:
+        w[CEILING, p] = np.inf
+        w[VALUE, p] = step
+        w[SIGN, j] = direction
+        w[FALL, m] = direction * w[z, j] - 1.0
+        _eliminate(w, p, m)
+
+
+@njit(forceinline=True, error_model="numpy")
+def leave_fewer_open(w: FloatArray, m: int, n: int, tie: float, report: IntArray) -> None:
+    """Move along edges of equal cost as long as a move leaves fewer thrusters open."""
+    z = TABLEAU + m
+    for _ in range(n):  # each move opens one thruster less
+        moved = False
+        for j in range(n):
+            if abs(w[z, j]) > OPTIMALITY or not w[BOUND, j] > 0.0 or _is_basic(w, m, j):
+                continue
+            direction, room = w[SIGN, j], w[BOUND, j]
+            p, step = _leaving(w, j, direction, m, tie, False)
+            way = min(step, room)
+            if not tie < way < np.inf:
+                continue
+            change = (1 if direction > 0.0 else 0) - (0 if direction > 0.0 or way < room - tie else 1)
+            for r in range(m):
+                if w[BASIS, r] < n:
+                    after = w[VALUE, r] - way * w[FALL, r]
+                    change += (1 if after > tie else 0) - (1 if w[VALUE, r] > tie else 0)
+            if change < 0:
+                report[2 if room <= step else 1] += 1
+                _move(w, m, n, j, p, direction, step, room)
+                moved = True
+                break
+        if not moved:
+            return
+
+
+@njit(forceinline=True, error_model="numpy")
+def _is_basic(w: FloatArray, m: int, j: int) -> bool:
+    basic = False
+    for r in range(m):
+        basic |= w[BASIS, r] == j
+    return basic
 
 
 @njit(forceinline=True, error_model="numpy")
@@ -254,34 +359,34 @@ def _entering(w: FloatArray, m: int, n: int, careful: bool) -> int:
 
     Four searches side by side, since each comparison waits for the one before.
     """
-    z, width = _TABLEAU + m, w.shape[1]
+    z, width = TABLEAU + m, w.shape[1]
     for j in range(n):
-        w[_GAIN, j] = w[_SIGN, j] * w[z, j]
+        w[GAIN, j] = w[SIGN, j] * w[z, j]
     for j in range(n, width):
-        w[_GAIN, j] = abs(w[z, j]) - 1.0
+        w[GAIN, j] = abs(w[z, j]) - 1.0
     if careful:
         for j in range(m + n):
-            if w[_GAIN, j] > _OPTIMALITY:
+            if w[GAIN, j] > OPTIMALITY:
                 return j
         return -1
     j0, j1, j2, j3 = 0, 1, 2, 3
-    g0, g1, g2, g3 = w[_GAIN, 0], w[_GAIN, 1], w[_GAIN, 2], w[_GAIN, 3]
+    g0, g1, g2, g3 = w[GAIN, 0], w[GAIN, 1], w[GAIN, 2], w[GAIN, 3]
     for j in range(4, width, 4):
-        if w[_GAIN, j] > g0:
-            g0, j0 = w[_GAIN, j], j
-        if w[_GAIN, j + 1] > g1:
-            g1, j1 = w[_GAIN, j + 1], j + 1
-        if w[_GAIN, j + 2] > g2:
-            g2, j2 = w[_GAIN, j + 2], j + 2
-        if w[_GAIN, j + 3] > g3:
-            g3, j3 = w[_GAIN, j + 3], j + 3
+        if w[GAIN, j] > g0:
+            g0, j0 = w[GAIN, j], j
+        if w[GAIN, j + 1] > g1:
+            g1, j1 = w[GAIN, j + 1], j + 1
+        if w[GAIN, j + 2] > g2:
+            g2, j2 = w[GAIN, j + 2], j + 2
+        if w[GAIN, j + 3] > g3:
+            g3, j3 = w[GAIN, j + 3], j + 3
     if g1 > g0:
         g0, j0 = g1, j1
     if g3 > g2:
         g2, j2 = g3, j3
     if g2 > g0:
         g0, j0 = g2, j2
-    return j0 if g0 > _OPTIMALITY else -1
+    return j0 if g0 > OPTIMALITY else -1
 
 
 @njit(forceinline=True, error_model="numpy")
@@ -293,12 +398,12 @@ def _leaving(w: FloatArray, j: int, direction: float, m: int, tie: float, carefu
     """
     p, step, largest = 0, np.inf, 0.0
     for r in range(m):
-        fall = direction * w[_TABLEAU + r, j]
+        fall = direction * w[TABLEAU + r, j]
         slope = abs(fall)
-        way = w[_VALUE, r] if fall > 0.0 else w[_CEILING, r] - w[_VALUE, r]
-        ratio = max(way, 0.0) / slope if slope > _PIVOT else np.inf
-        w[_FALL, r] = fall
-        w[_RATIO, r] = ratio
+        way = w[VALUE, r] if fall > 0.0 else w[CEILING, r] - w[VALUE, r]
+        ratio = max(way, 0.0) / slope if slope > PIVOT else np.inf
+        w[FALL, r] = fall
+        w[RATIO, r] = ratio
         better = ratio < step - tie or (ratio <= step + tie and slope > largest)
         p = r if better else p
         step = ratio if better else step
@@ -306,27 +411,48 @@ def _leaving(w: FloatArray, j: int, direction: float, m: int, tie: float, carefu
     if careful:
         shortest = step
         for r in range(m):
-            if w[_RATIO, r] <= shortest + tie and w[_BASIS, r] < w[_BASIS, p]:
-                p, step = r, w[_RATIO, r]
+            if w[RATIO, r] <= shortest + tie and w[BASIS, r] < w[BASIS, p]:
+                p, step = r, w[RATIO, r]
     return p, step
 
 
 @njit(forceinline=True, error_model="numpy")
 def _eliminate(w: FloatArray, p: int, m: int) -> None:
-    """Pivot on row p and the column in `_FALL`, reduced costs included.
+    """Pivot on row p and the column in `FALL`, reduced costs included.
 
     The pivot row is put aside first, since the compiler vectorises only what cannot overlap.
     """
-    inverse = 1.0 / w[_FALL, p]
+    inverse = 1.0 / w[FALL, p]
     width = w.shape[1]
     for j in range(width):
-        w[_PIVOT_ROW, j] = w[_TABLEAU + p, j] * inverse
+        w[PIVOT_ROW, j] = w[TABLEAU + p, j] * inverse
     for r in range(m + 1):
-        factor = w[_FALL, r]
+        factor = w[FALL, r]
         for j in range(width):
-            w[_TABLEAU + r, j] -= factor * w[_PIVOT_ROW, j]
+            w[TABLEAU + r, j] -= factor * w[PIVOT_ROW, j]
     for j in range(width):
-        w[_TABLEAU + p, j] = w[_PIVOT_ROW, j]
+        w[TABLEAU + p, j] = w[PIVOT_ROW, j]
+
+
+def in_threads(work: Callable[[int, int], object], batch: int, threads: int | None = None) -> None:
+    """Call `work(first, last)` for ranges that make up a batch, at the same time if it is large.
+
+    Args:
+        work: Takes the range's ends (the last excluded); it should release the interpreter.
+        batch: How many there are.
+        threads: How many share them; by default as many as there are processors, from `PARALLEL_FROM` on.
+    """
+    if threads is None:
+        threads = min(_processors(), 2 * batch // PARALLEL_FROM) if batch >= PARALLEL_FROM else 1
+    edges = np.linspace(0, batch, max(threads, 1) + 1).astype(int).tolist()
+    others = [
+        threading.Thread(target=work, args=(first, last)) for first, last in itertools.pairwise(edges[1:])
+    ]
+    for other in others:
+        other.start()
+    work(edges[0], edges[1])
+    for other in others:
+        other.join()
 
 
 def _processors() -> int:
