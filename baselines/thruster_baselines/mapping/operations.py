@@ -42,7 +42,7 @@ def operations_of(pivots: IntArray, flips: IntArray, *, axes: int, thrusters: in
         thrusters: n, of the problem.
 
     >>> operations_of(np.array([9]), np.array([1]), axes=6, thrusters=12).arithmetic.tolist()
-    [3475]
+    [3441]
     """
     m, n = axes, thrusters
     start = 4 * m * n + 2 * n + m  # weigh and scale the tableau, sum up the reduced costs
