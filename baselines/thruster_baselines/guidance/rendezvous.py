@@ -18,10 +18,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import highspy
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linprog
 
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.model import Model
@@ -175,43 +174,48 @@ class RendezvousPlanner:
         reach = np.add.reduceat(reach, np.cumsum(sizes) - sizes, axis=0)
         end_per_on_time = (row_scale[:, np.newaxis] * (reach @ model.effectiveness[:3])).transpose(1, 0, 2)
 
-        groups = scipy.sparse.eye_array(count)
-        shortfall = scipy.sparse.eye_array(6)
         unit = 1.0 / np.maximum(np.abs(model.effectiveness).max(axis=1), 1e-300)  # entries of order one
-        scaled = scipy.sparse.csr_array(model.effectiveness * unit[:, np.newaxis])
-        ends = [scipy.sparse.csr_array(end_per_on_time.reshape(6, -1)), shortfall, -shortfall, shortfall]
-        rows = [ends, [scipy.sparse.kron(groups, scaled[3:]), None, None, None]]
-        right = [row_scale * (self.target - to_end @ start), np.zeros(3 * count)]
+        scaled = model.effectiveness * unit[:, np.newaxis]
+        limited, priced = self.max_total_on_time < np.inf, self.delta_v_cost > 0.0
+        # where blocks of rows and columns begin; first come the sums per group and the on-times
+        end = count * limited
+        rotation, translation = end + 6, end + 6 + 3 * count
+        short, parts = count * n, count * n + 18
+        by_group = np.arange(count)[:, np.newaxis, np.newaxis]
+        axes, thrusters = np.arange(3)[:, np.newaxis], np.arange(n)
+        problem = _Problem()
+        if limited:
+            problem.put(by_group, n * by_group + thrusters, 1.0)
+        problem.put(end + np.arange(6)[:, np.newaxis], np.arange(short), end_per_on_time.reshape(6, -1))
+        for block, sign in enumerate((1.0, -1.0, 1.0)):
+            problem.put(end + np.arange(6), short + 6 * block + np.arange(6), sign)
+        problem.put(rotation + 3 * by_group + axes, n * by_group + thrusters, scaled[3:])
         cost = [np.repeat(sizes, n), np.full(12, self.miss_cost), np.zeros(6)]
-        lower = [np.zeros(count * n), np.zeros(12), -self.tolerance * row_scale]
+        lower = [np.zeros(short + 12), -self.tolerance * row_scale]
         upper = [np.tile(model.max_on_time, count), np.full(12, np.inf), self.tolerance * row_scale]
-        if self.delta_v_cost > 0.0:
-            parts = scipy.sparse.eye_array(3 * count)
-            rows = [[*row, None, None] for row in rows]
-            rows.append([scipy.sparse.kron(groups, scaled[:3]), None, None, None, -parts, parts])
-            right.append(np.zeros(3 * count))
+        if priced:
+            problem.put(translation + 3 * by_group + axes, n * by_group + thrusters, scaled[:3])
+            for block, sign in enumerate((-1.0, 1.0)):
+                columns = parts + 3 * count * block + np.arange(3 * count)
+                problem.put(translation + np.arange(3 * count), columns, sign)
             cost.append(self.delta_v_cost * np.tile(np.outer(sizes, 1.0 / unit[:3]).ravel(), 2))
             lower.append(np.zeros(6 * count))
             upper.append(np.full(6 * count, np.inf))
-        costs = np.concatenate(cost)
-        totals = None
-        if self.max_total_on_time < np.inf:
-            others = scipy.sparse.csr_array((count, costs.size - count * n))
-            totals = scipy.sparse.hstack([scipy.sparse.kron(groups, np.ones((1, n))), others], format="csr")
-        answer = linprog(
-            costs,
-            A_ub=totals,
-            b_ub=None if totals is None else np.full(count, self.max_total_on_time),
-            A_eq=scipy.sparse.block_array(rows, format="csr"),
-            b_eq=np.concatenate(right),
-            bounds=np.column_stack([np.concatenate(lower), np.concatenate(upper)]),
-            method="highs",
+        balance = np.zeros(6 + 3 * count + 3 * count * priced)
+        balance[:6] = row_scale * (self.target - to_end @ start)
+        answer, message = problem.optimum(
+            np.concatenate(cost),
+            (np.concatenate(lower), np.concatenate(upper)),
+            (
+                np.concatenate([np.full(end, -np.inf), balance]),
+                np.concatenate([np.full(end, self.max_total_on_time), balance]),
+            ),
         )
-        if answer.status != 0:
+        if answer is None:
             raise RuntimeError(
-                f"HiGHS found no rendezvous plan from {start.tolist()} in {steps} steps: {answer.message}"
+                f"HiGHS found no rendezvous plan from {start.tolist()} in {steps} steps: {message}"
             )
-        on_times: FloatArray = np.clip(answer.x[: count * n].reshape(count, n), 0.0, model.max_on_time)
+        on_times: FloatArray = np.clip(answer[:short].reshape(count, n), 0.0, model.max_on_time)
         return np.repeat(on_times, sizes, axis=0)
 
     def _groups(self, steps: int) -> NDArray[np.int64]:
@@ -221,6 +225,51 @@ class RendezvousPlanner:
         whole, rest = divmod(steps - self.detailed_steps, self.group)
         sizes = [1] * self.detailed_steps + [self.group] * whole + [rest] * (rest > 0)
         return np.array(sizes, np.int64)
+
+
+class _Problem:
+    """A linear program under construction: the entries of its matrix, in any order."""
+
+    def __init__(self) -> None:
+        self._rows: list[NDArray[np.int64]] = []
+        self._columns: list[NDArray[np.int64]] = []
+        self._values: list[FloatArray] = []
+
+    def put(self, row: NDArray[np.int64], column: NDArray[np.int64], value: ArrayLike) -> None:
+        """Set entries; row, column and value broadcast."""
+        rows, columns, values = np.broadcast_arrays(row, column, np.asarray(value, dtype=np.float64))
+        there = values != 0.0
+        self._rows.append(rows[there])
+        self._columns.append(columns[there])
+        self._values.append(values[there])
+
+    def optimum(
+        self,
+        cost: FloatArray,
+        columns: tuple[FloatArray, FloatArray],
+        rows: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray | None, str]:
+        """Least cost with columns and rows within (lower, upper); None and why, if HiGHS finds none."""
+        entries = np.concatenate(self._rows), np.concatenate(self._columns)
+        order = np.lexsort(entries)
+        highs = highspy.Highs()  # type: ignore[no-untyped-call]  # highspy is typed in part
+        highs.silent()
+        problem = highspy.HighsLp()
+        problem.num_col_, problem.num_row_ = cost.size, rows[0].size
+        problem.col_cost_ = cost
+        problem.col_lower_, problem.col_upper_ = columns
+        problem.row_lower_, problem.row_upper_ = rows
+        problem.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        per_column = np.bincount(entries[1], minlength=cost.size)
+        problem.a_matrix_.start_ = np.concatenate([[0], np.cumsum(per_column)])
+        problem.a_matrix_.index_ = entries[0][order]
+        problem.a_matrix_.value_ = np.concatenate(self._values)[order]
+        highs.passModel(problem)
+        highs.run()
+        status = highs.getModelStatus()
+        if status != highspy.HighsModelStatus.kOptimal:
+            return None, highs.modelStatusToString(status)
+        return np.array(highs.getSolution().col_value), ""
 
 
 def _state(given: ArrayLike, name: str) -> FloatArray:
