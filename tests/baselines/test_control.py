@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import thruster_envs  # noqa: F401 - registers the environments
 from thruster_baselines.control import (
     RelativeNavigation,
+    RendezvousCommandPolicy,
     RendezvousController,
     RendezvousPolicy,
     RendezvousSettings,
@@ -19,7 +20,9 @@ from thruster_baselines.control import (
     delivered_on_times,
 )
 from thruster_baselines.control.quaternions import attitude_error, product, rotation_matrix, turned
+from thruster_baselines.mapping import LPMapper
 from thruster_envs.spacecraft import load
+from thruster_envs.views import VectorMapperAction
 
 ORION = load("orion")
 STEPS = 571  # half an orbit
@@ -271,6 +274,51 @@ def test_with_a_fault_that_is_known_it_arrives(thruster, severity):
     controllers = [RendezvousController(ORION, STEPS, effectiveness=effectiveness) for _ in seeds]
     assert fly_environment(seeds, controllers, faults=[fault])["success"].all()
     assert [controller.navigation.surprises for controller in controllers] == [0, 0, 0]
+
+
+def test_commanding_and_allocating_apart_is_what_it_does_in_one():
+    """A controller that only sees observations and never allocates decides as the one that flies."""
+    env = gym.make("thruster_envs/OrionRendezvous-v0")
+    observation, _ = env.reset(seed=VALIDATION_SEEDS[0])
+    flying = RendezvousPolicy(RendezvousController(ORION, STEPS))
+    watching = RendezvousCommandPolicy(RendezvousController(ORION, STEPS))
+    allocating, fired = RendezvousController(ORION, STEPS), 0
+    for _ in range(60):
+        action, command = flying(observation), watching(observation)
+        assert command.shape == (6,)
+        on_times = allocating.allocate(command * ORION.authority())
+        np.testing.assert_allclose(on_times / 5.0, 0.5 * action + 0.5, atol=1e-5)  # actions are float32
+        fired += on_times.max() > 0.0
+        observation, *_ = env.step(action)
+    assert fired > 20
+    assert watching.controller.navigation.surprises == 0
+
+
+def test_a_command_beyond_the_authority_is_clipped():
+    env = gym.make("thruster_envs/OrionRendezvous-v0")
+    observation, _ = env.reset(seed=1)
+    observation[6:9] = 0.4, -0.4, 0.0  # 0.2 rad, to be turned back in 0.01 s
+    settings = RendezvousSettings(return_time=0.01, return_time_burning=0.01)
+    policy = RendezvousCommandPolicy(RendezvousController(ORION, STEPS, settings=settings))
+    np.testing.assert_array_equal(policy(observation)[3:5], [-1.0, 1.0])
+
+
+def test_another_mapper_in_the_loop_brings_it_home_at_about_the_same_price():
+    """The plain LP falls short of a burn by the coupling; planning anew from what came of it makes up."""
+    seeds = VALIDATION_SEEDS[:3]
+    env = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=len(seeds))
+    env = VectorMapperAction(env, LPMapper(ORION))
+    policies = [RendezvousCommandPolicy(RendezvousController(ORION, STEPS)) for _ in seeds]
+    observations, _ = env.reset(seed=seeds[0])
+    for _ in range(STEPS):
+        actions = np.stack([policy(row) for policy, row in zip(policies, observations, strict=True)])
+        assert env.action_space.contains(actions)
+        observations, _, terminated, _, info = env.step(actions)
+    assert terminated.all()
+    assert info["success"].all()
+    assert [policy.controller.navigation.surprises for policy in policies] == [0, 0, 0]
+    own = fly_environment(seeds, [RendezvousController(ORION, STEPS) for _ in seeds])
+    np.testing.assert_allclose(info["fuel"], own["fuel"], rtol=0.1)
 
 
 def test_told_in_flight_it_plans_anew():

@@ -3,10 +3,11 @@
 from thruster_baselines.control.coupling import commanded_on_times, delivered_on_times
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
-from thruster_baselines.control.rendezvous_policy import RendezvousPolicy
+from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
 
 __all__ = [
     "RelativeNavigation",
+    "RendezvousCommandPolicy",
     "RendezvousController",
     "RendezvousPolicy",
     "RendezvousSettings",

@@ -3,7 +3,8 @@
 Every period it takes in the noisy measurement (a Kalman filter), plans the remaining translation anew where
 that is due (`RendezvousPlanner`, the linear program over all remaining periods), decides which rate change
 would keep the body on LVLH, and maps both together to on-times with the LP mapper, inflated for the feed
-coupling.
+coupling. What it decides (`command`) and how it maps (`allocate`) can be used apart: with another mapper in
+the loop, it has to be told what that one commanded.
 
 Attitude is kept within a dead band: the rate is corrected only where the angle, a little ahead in time,
 would leave it. Inside, nothing fires, since measured angles are mostly noise. Burns disturb the attitude
@@ -152,15 +153,53 @@ class RendezvousController:
             attitude: (4,), measured, body-from-LVLH, scalar first.
             rate: (3,), measured inertial rate, rad/s, body axes.
         """
+        command = self.command(time, position, velocity, attitude, rate, on_times=self._on_times)
+        self._on_times = self.allocate(command)
+        return self._on_times / self._period
+
+    def command(
+        self,
+        time: float,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        attitude: ArrayLike,
+        rate: ArrayLike,
+        *,
+        on_times: ArrayLike,
+    ) -> FloatArray:
+        """The rate change (6,) to ask of the thrusters in the coming period, m/s then rad/s, body axes.
+
+        Args:
+            time: Since the start, s.
+            position: (3,), measured, m, LVLH.
+            velocity: (3,), measured, m/s, LVLH.
+            attitude: (4,), measured, body-from-LVLH, scalar first.
+            rate: (3,), measured inertial rate, rad/s, body axes.
+            on_times: (n,), s, commanded in the period that has just ended, whoever allocated them. Ignored at
+                the first measurement.
+        """
         step = round(time / self._period)
         self.navigation.update(
-            self._on_times,
-            *(np.asarray(part, dtype=np.float64) for part in (position, velocity, attitude, rate)),
+            *(np.asarray(part, dtype=np.float64) for part in (on_times, position, velocity, attitude, rate))
         )
         translation, burn = self._translation(step)
-        command = np.concatenate([translation, self._rotation(step, burn)])
-        self._on_times = self._fire(command)
-        return self._on_times / self._period
+        return np.concatenate([translation, self._rotation(step, burn)])
+
+    def allocate(self, command: ArrayLike) -> FloatArray:
+        """On-times (n,), s, that deliver a rate change (6,) with the feed coupling made up for."""
+        bound = self._period
+        for _ in range(4):
+            wanted = self._mapper(
+                command,
+                effectiveness=self.navigation.effectiveness,
+                max_on_time=np.full(self._on_times.size, bound),
+            ).on_times
+            on_times = commanded_on_times(wanted, self._coupling, 4.0 * self._period)
+            longest = float(on_times.max())
+            if longest <= self._period * (1.0 + 1e-9):
+                break
+            bound *= self._period / longest
+        return np.minimum(on_times, self._period)
 
     def _translation(self, step: int) -> tuple[FloatArray, float]:
         """The rate change of the plan for this period, m/s, body axes, and its longest on-time, s."""
@@ -206,19 +245,3 @@ class RendezvousController:
         back_in = settings.return_time_burning if burn > 0.0 or settling else settings.return_time
         ahead = angle + rate * settings.look_ahead
         return np.where(np.abs(ahead) > band, -rate - angle / back_in, 0.0)
-
-    def _fire(self, command: FloatArray) -> FloatArray:
-        """On-times (n,), s, that deliver a rate change (6,) with the feed coupling made up for."""
-        bound = self._period
-        for _ in range(4):
-            wanted = self._mapper(
-                command,
-                effectiveness=self.navigation.effectiveness,
-                max_on_time=np.full(self._on_times.size, bound),
-            ).on_times
-            on_times = commanded_on_times(wanted, self._coupling, 4.0 * self._period)
-            longest = float(on_times.max())
-            if longest <= self._period * (1.0 + 1e-9):
-                break
-            bound *= self._period / longest
-        return np.minimum(on_times, self._period)
