@@ -2,14 +2,34 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
-from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper, PseudoInverseMapper
+from thruster_baselines.mapping import (
+    ChanceConstrainedMapper,
+    ConicRobustMapper,
+    CrudeMapper,
+    LPMapper,
+    MinimumNormShiftMapper,
+    PseudoInverseMapper,
+    RobustCommandMapper,
+    RobustEffectivenessMapper,
+)
 from thruster_envs.spacecraft import load
 
-MAPPERS = [LPMapper, PseudoInverseMapper, MinimumNormShiftMapper, CrudeMapper]
+MAPPERS = [
+    LPMapper,
+    PseudoInverseMapper,
+    MinimumNormShiftMapper,
+    CrudeMapper,
+    partial(RobustCommandMapper, below=1e-4, above=3e-4),
+    partial(RobustEffectivenessMapper, relative=0.1),
+    partial(RobustEffectivenessMapper, relative=0.1, largest_miss=True),
+    partial(ConicRobustMapper, spread=0.1),
+    partial(ChanceConstrainedMapper, standard_deviation=0.1),
+]
 ORION = load("orion")
 DIAGONAL = np.array(
     [-0.027, -0.027, 0.0, 0.0, 0.0, 0.0]

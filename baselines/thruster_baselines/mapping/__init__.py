@@ -4,9 +4,26 @@ All stand behind `thruster_envs.protocols.Mapper`. `LPMapper` is the one to beat
 programs do without a linear program.
 """
 
+from thruster_baselines.mapping.attitude_uncertainty import AttitudeUncertainty
+from thruster_baselines.mapping.chance_constrained import ChanceConstrainedMapper
 from thruster_baselines.mapping.crude import CrudeMapper
 from thruster_baselines.mapping.lp import LPMapper
 from thruster_baselines.mapping.minimum_norm import MinimumNormShiftMapper
 from thruster_baselines.mapping.pseudo_inverse import PseudoInverseMapper
+from thruster_baselines.mapping.robust_command import RobustCommandMapper
+from thruster_baselines.mapping.robust_conic import ConicRobustMapper
+from thruster_baselines.mapping.robust_effectiveness import RobustEffectivenessMapper
+from thruster_baselines.mapping.uncertainty import RobustAllocation
 
-__all__ = ["CrudeMapper", "LPMapper", "MinimumNormShiftMapper", "PseudoInverseMapper"]
+__all__ = [
+    "AttitudeUncertainty",
+    "ChanceConstrainedMapper",
+    "ConicRobustMapper",
+    "CrudeMapper",
+    "LPMapper",
+    "MinimumNormShiftMapper",
+    "PseudoInverseMapper",
+    "RobustAllocation",
+    "RobustCommandMapper",
+    "RobustEffectivenessMapper",
+]
