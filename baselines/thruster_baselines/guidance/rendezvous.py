@@ -122,6 +122,7 @@ class RendezvousPlanner:
         self.delta_v_cost = delta_v_cost
         self._transition = transition_matrix(self.mean_motion, self.period)
         self._response = force_response(self.mean_motion, self.period) / self.period
+        self._powers = np.eye(6)[np.newaxis]  # of the transition, as many as a plan has needed so far
 
     def __call__(
         self,
@@ -166,11 +167,8 @@ class RendezvousPlanner:
         sizes = self._groups(steps)
         count = len(sizes)
         row_scale = np.repeat([1.0, 1.0 / _VELOCITY_UNIT], 3)
-        reach = np.empty((steps, 6, 3))  # end state per m/s in period k
-        to_end = np.eye(6)
-        for k in range(steps - 1, -1, -1):
-            reach[k] = to_end @ self._response
-            to_end = to_end @ self._transition
+        to_end = self._coasting(steps)
+        reach = to_end[1:] @ self._response  # end state per m/s in each period
         reach = np.add.reduceat(reach, np.cumsum(sizes) - sizes, axis=0)
         end_per_on_time = (row_scale[:, np.newaxis] * (reach @ model.effectiveness[:3])).transpose(1, 0, 2)
 
@@ -202,7 +200,7 @@ class RendezvousPlanner:
             lower.append(np.zeros(6 * count))
             upper.append(np.full(6 * count, np.inf))
         balance = np.zeros(6 + 3 * count + 3 * count * priced)
-        balance[:6] = row_scale * (self.target - to_end @ start)
+        balance[:6] = row_scale * (self.target - to_end[0] @ start)
         answer, message = problem.optimum(
             np.concatenate(cost),
             (np.concatenate(lower), np.concatenate(upper)),
@@ -217,6 +215,16 @@ class RendezvousPlanner:
             )
         on_times: FloatArray = np.clip(answer[:short].reshape(count, n), 0.0, model.max_on_time)
         return np.repeat(on_times, sizes, axis=0)
+
+    def _coasting(self, steps: int) -> FloatArray:
+        """(steps + 1, 6, 6): from the state at the start of each period, and at the end, to the end state."""
+        missing = steps + 1 - len(self._powers)
+        if missing > 0:
+            powers = list(self._powers)
+            for _ in range(missing):
+                powers.append(powers[-1] @ self._transition)
+            self._powers = np.stack(powers)
+        return self._powers[steps::-1]
 
     def _groups(self, steps: int) -> NDArray[np.int64]:
         """How many periods each set of on-times serves: one each at first, `group` later."""
