@@ -5,8 +5,6 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import thruster_envs  # noqa: F401 - registers the environments
@@ -16,74 +14,15 @@ from thruster_baselines.control import (
     RendezvousController,
     RendezvousPolicy,
     RendezvousSettings,
-    commanded_on_times,
-    delivered_on_times,
 )
 from thruster_baselines.control.quaternions import attitude_error, product, rotation_matrix, turned
-from thruster_baselines.mapping import LPMapper
+from thruster_baselines.mapping import LPMapper, delivered_on_times
 from thruster_envs.spacecraft import load
 from thruster_envs.views import VectorMapperAction
 
 ORION = load("orion")
 STEPS = 571  # half an orbit
 VALIDATION_SEEDS = range(2_000_000, 2_000_100)
-
-
-# Coupling
-
-
-def by_counting(on_times: np.ndarray, coupling: float) -> np.ndarray:
-    """Delivered on-times by cutting the period where a thruster closes and counting the open ones."""
-    delivered, before = np.zeros(on_times.size), 0.0
-    for until in np.unique(on_times[on_times > 0.0]):
-        is_open = on_times >= until
-        delivered[is_open] += (until - before) * (1.0 - coupling * (is_open.sum() - 1))
-        before = until
-    return delivered
-
-
-def test_the_worked_example_of_the_source():
-    on_times = np.zeros(12)
-    on_times[[0, 5, 9, 11]] = 4.5  # four together: 18 % lost
-    achieved = ORION.effectiveness() @ delivered_on_times(on_times, 0.06)
-    np.testing.assert_allclose(achieved, [-0.02214, -0.02214, 0, 0, 0, 0], atol=1e-12)
-
-
-def test_the_overlap_example_of_the_source():
-    signs = np.sign(np.round(ORION.effectiveness(), 9))
-    on_times = np.zeros(12)
-    on_times[[2, 3, 6, 10]] = 1.0, 3.0, 2.0, 1.0
-    achieved = signs @ delivered_on_times(on_times, 0.06)
-    np.testing.assert_allclose(achieved, [4.52, 0.82, 0.82, 0.0, -0.18, 0.18], atol=1e-12)
-
-
-on_time_lists = st.lists(st.one_of(st.just(0.0), st.floats(0.0, 5.0)), min_size=1, max_size=12).map(np.array)
-
-
-@given(on_time_lists, st.floats(0.0, 0.09))
-def test_the_pairwise_formula_counts_the_open_thrusters(on_times, coupling):
-    np.testing.assert_allclose(
-        delivered_on_times(on_times, coupling), by_counting(on_times, coupling), rtol=1e-12, atol=1e-12
-    )
-
-
-@given(on_time_lists, st.floats(0.0, 0.08))
-def test_commanded_on_times_deliver_what_was_wanted(wanted, coupling):
-    commanded = commanded_on_times(wanted, coupling)
-    np.testing.assert_allclose(delivered_on_times(commanded, coupling), wanted, rtol=0, atol=1e-10)
-    assert (commanded >= wanted).all()
-    assert ((commanded > 0.0) == (wanted > 0.0)).all()
-
-
-def test_commanded_on_times_are_cut_at_the_bound_and_keep_their_shape():
-    wanted = np.full((2, 3, 4), 4.5)
-    wanted[1] = 1.0
-    commanded = commanded_on_times(wanted, 0.06, max_on_time=5.0)
-    assert commanded.shape == wanted.shape
-    assert (commanded[0] == 5.0).all()
-    np.testing.assert_allclose(commanded[1], 1.0 / 0.82, rtol=1e-10)
-    # so strong a coupling that no on-times would do still gives an answer within the bound
-    assert (commanded_on_times(np.full(12, 3.0), 0.5, max_on_time=5.0) == 5.0).all()
 
 
 # Quaternions
@@ -287,7 +226,12 @@ def test_commanding_and_allocating_apart_is_what_it_does_in_one():
         action, command = flying(observation), watching(observation)
         assert command.shape == (6,)
         on_times = allocating.allocate(command * ORION.authority())
-        np.testing.assert_allclose(on_times / 5.0, 0.5 * action + 0.5, atol=1e-5)  # actions are float32
+        # among equally cheap on-times the last bit of a command may decide: what they give is compared
+        given, expected = (
+            ORION.effectiveness() @ delivered_on_times(times, ORION.feed.coupling)
+            for times in (on_times, 2.5 * (np.float64(action) + 1.0))
+        )
+        np.testing.assert_allclose(given, expected, atol=1e-6)  # actions are float32
         fired += on_times.max() > 0.0
         observation, *_ = env.step(action)
     assert fired > 20

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from thruster_baselines.control.coupling import delivered_on_times
 from thruster_baselines.control.quaternions import attitude_error, product, rotation_matrix, turned
 from thruster_baselines.guidance.hcw import transition_matrix
+from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 

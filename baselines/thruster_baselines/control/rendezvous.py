@@ -21,11 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.control.coupling import commanded_on_times
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.quaternions import rotation_matrix
 from thruster_baselines.guidance.rendezvous import RendezvousPlan, RendezvousPlanner
 from thruster_baselines.mapping import LPMapper
+from thruster_baselines.mapping.coupling import commanded_on_times
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 

@@ -4,26 +4,46 @@ All stand behind `thruster_envs.protocols.Mapper`. `LPMapper` is the one to beat
 programs do without a linear program.
 """
 
+from thruster_baselines.mapping.additive import AdditiveCompensationMapper
 from thruster_baselines.mapping.attitude_uncertainty import AttitudeUncertainty
 from thruster_baselines.mapping.chance_constrained import ChanceConstrainedMapper
+from thruster_baselines.mapping.compensation import CompensatedAllocation
+from thruster_baselines.mapping.coupling import (
+    commanded_on_times,
+    delivered_on_times,
+    delivered_rate_change,
+)
 from thruster_baselines.mapping.crude import CrudeMapper
+from thruster_baselines.mapping.differential import DifferentialCompensationMapper
+from thruster_baselines.mapping.exact import ExactCompensationMapper
 from thruster_baselines.mapping.lp import LPMapper
+from thruster_baselines.mapping.milp import MILPMapper
 from thruster_baselines.mapping.minimum_norm import MinimumNormShiftMapper
 from thruster_baselines.mapping.pseudo_inverse import PseudoInverseMapper
 from thruster_baselines.mapping.robust_command import RobustCommandMapper
 from thruster_baselines.mapping.robust_conic import ConicRobustMapper
 from thruster_baselines.mapping.robust_effectiveness import RobustEffectivenessMapper
+from thruster_baselines.mapping.sequence import LPSequence
 from thruster_baselines.mapping.uncertainty import RobustAllocation
 
 __all__ = [
+    "AdditiveCompensationMapper",
     "AttitudeUncertainty",
     "ChanceConstrainedMapper",
+    "CompensatedAllocation",
     "ConicRobustMapper",
     "CrudeMapper",
+    "DifferentialCompensationMapper",
+    "ExactCompensationMapper",
     "LPMapper",
+    "LPSequence",
+    "MILPMapper",
     "MinimumNormShiftMapper",
     "PseudoInverseMapper",
     "RobustAllocation",
     "RobustCommandMapper",
     "RobustEffectivenessMapper",
+    "commanded_on_times",
+    "delivered_on_times",
+    "delivered_rate_change",
 ]

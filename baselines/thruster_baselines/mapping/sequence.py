@@ -1,8 +1,8 @@
 """The linear program along a sequence of commands: each starts from the basis of the one before.
 
 As long as nothing but the command changes, the last basis stays dual feasible: no thruster has become worth
-opening. A few pivots of the dual simplex method then repair what has left its bounds, often none. A basic
-slack that changes its sign is reflected in place. Every answer is checked: the multipliers give a lower bound
+opening. A few pivots of the dual simplex method then repair what has left its bounds, often none
+(`thruster_baselines.mapping.dual`). Every answer is checked: the multipliers give a lower bound
 of the objective from the unscaled data, and where cost and bound differ by more than round-off, or the repair
 takes too long, the problem is solved anew from all slacks. It is also solved anew every `REFRESH` commands,
 so that round-off does not pile up.
@@ -23,21 +23,15 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.base import WeightedMapper, raise_unless_optimal
+from thruster_baselines.mapping.dual import repair
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.mapping.simplex import (
-    BASIS,
-    BOUND,
-    CEILING,
     FALL,
     OPTIMAL,
-    PIVOT,
-    SIGN,
     TABLEAU,
     TIE,
-    VALUE,
     in_threads,
     leave_fewer_open,
-    pivot,
     read,
     solve_from_start,
     start,
@@ -53,7 +47,6 @@ REFRESH = 256
 
 _GAP = 1e-11  # relative difference of cost and lower bound above which a problem is solved anew
 _ROUND_OFF = 1e-15  # the same in units of the largest scaled command
-_REPAIRS_PER_VARIABLE = 2  # dual pivots after which starting anew is cheaper
 
 
 class LPSequence(WeightedMapper):
@@ -207,7 +200,7 @@ def follow_range(
                 magnitude = 0.0
                 for k in range(m):
                     magnitude = max(magnitude, abs(slack_cost[k] * demand[k]))
-                if _repair(w, m, n, demand, slack_cost, TIE * magnitude, told):
+                if repair(w, m, n, demand, slack_cost, TIE * magnitude, told):
                     leave_fewer_open(w, m, n, TIE * magnitude, told)
                     total = read(w, magnitude, demand, a, b, c, slack_cost, OPTIMAL, answer, rest)
                     bound = _lower_bound(w, demand, a, b, c, slack_cost)
@@ -219,76 +212,6 @@ def follow_range(
             solve_from_start(w, m, n, magnitude, told)
             cost[step, world] = read(w, magnitude, demand, a, b, c, slack_cost, told[0], answer, rest)
             ages[world] = 1 if told[0] == OPTIMAL else 0
-
-
-@njit(forceinline=True, error_model="numpy")
-def _repair(
-    w: FloatArray, m: int, n: int, command: FloatArray, slack_cost: FloatArray, tie: float, report: IntArray
-) -> bool:
-    """Bring the basis of the last command to the optimum of this one; False if that takes too long."""
-    for r in range(m):
-        value = 0.0
-        for k in range(m):
-            value += w[TABLEAU + r, n + k] * (slack_cost[k] * command[k])
-        w[VALUE, r] = value
-    for j in range(n):
-        if w[SIGN, j] < 0.0:  # at its bound, and so outside the basis
-            for r in range(m):
-                w[VALUE, r] -= w[TABLEAU + r, j] * w[BOUND, j]
-    for _ in range(_REPAIRS_PER_VARIABLE * (m + n)):
-        p, worst = -1, tie
-        for r in range(m):
-            outside = max(-w[VALUE, r], w[VALUE, r] - w[CEILING, r])
-            if outside > worst:
-                p, worst = r, outside
-        if p < 0:
-            return True
-        if not worst < np.inf:
-            return False
-        report[1] += 1
-        _dual_pivot(w, m, n, p)
-    return False
-
-
-@njit(forceinline=True, error_model="numpy")
-def _dual_pivot(w: FloatArray, m: int, n: int, p: int) -> None:
-    """Drive the basic variable of row p to the bound that it has passed, by what loses least by it."""
-    z = TABLEAU + m
-    leaving = int(w[BASIS, p])
-    below = w[VALUE, p] < 0.0
-    target = 0.0 if below else w[CEILING, p]
-    want = -1.0 if below else 1.0
-    entering, direction, least, largest = -1, 1.0, np.inf, 0.0
-    for j in range(n + m):
-        rate = want * w[TABLEAU + p, j]
-        if j < n:
-            side = w[SIGN, j]
-            rate *= side
-            loss = -side * w[z, j]
-            if j == leaving or not rate > PIVOT or w[BOUND, j] == 0.0:
-                continue
-        else:
-            side = 1.0 if rate > 0.0 else -1.0
-            rate = abs(rate)
-            loss = 1.0 - side * w[z, j]
-            if not rate > PIVOT:
-                continue
-        ratio = max(loss, 0.0) / rate
-        if ratio < least or (ratio == least and rate > largest):
-            entering, direction, least, largest = j, side, ratio, rate
-    if entering == leaving:  # a slack changes its sign
-        for j in range(w.shape[1]):
-            w[z, j] -= 2.0 * w[TABLEAU + p, j]
-            w[TABLEAU + p, j] = -w[TABLEAU + p, j]
-        w[VALUE, p] = -w[VALUE, p]
-        w[SIGN, leaving] = -w[SIGN, leaving]
-        return
-    for r in range(m):
-        w[FALL, r] = direction * w[TABLEAU + r, entering]
-    step = (w[VALUE, p] - target) / w[FALL, p]
-    if leaving < n:
-        w[SIGN, leaving] = 1.0 if below else -1.0
-    pivot(w, m, n, entering, p, direction, step)
 
 
 @njit(forceinline=True, error_model="numpy")
