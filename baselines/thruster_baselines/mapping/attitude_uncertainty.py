@@ -16,19 +16,22 @@ Left out: errors of the commanded rate change itself, and attitudes that change 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["AttitudeUncertainty"]
 
-_GRID = np.linspace(0.0, 1.0, 33)
-_ZOOMS = 5  # each narrows the search to two steps of the grid, 1/16
+_STEPS = 16  # of the grid over the angle that is searched
+_ZOOMS = 8  # each narrows the search to two steps of the grid
+
+# What `_value` gives at an angle: a component of the turned command, either largest over the other two
+# angles, or at three equal angles.
+_SECOND_UPWARD, _SECOND_DOWNWARD, _THIRD, _EQUAL_FIRST, _EQUAL_SECOND, _EQUAL_THIRD = range(6)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +103,7 @@ class AttitudeUncertainty:
             low, high = self._small_angle_interval(triplets)
         else:
             low, high = -self._largest_components(-triplets), self._largest_components(triplets)
-        shape = (*triplets.shape[:-2], -1)
+        shape = np.shape(command)
         return low.reshape(shape), high.reshape(shape)
 
     def samples(self, command: ArrayLike, count: int, seed: int) -> FloatArray:
@@ -122,7 +125,7 @@ class AttitudeUncertainty:
         angles = low + np.broadcast_to(shares, (count, 3)) * (high - low)
         rotation = _small_rotation(angles) if self.small_angles else _rotation(angles)
         turned: FloatArray = np.einsum("sij,...j->s...i", rotation, triplets)
-        return turned.reshape(count, *triplets.shape[:-2], -1)
+        return turned.reshape(count, *np.shape(command))
 
     def sampled_interval(self, command: ArrayLike, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
         """The extremes of `samples`: within `interval`, and nearer to it the more are drawn."""
@@ -146,39 +149,11 @@ class AttitudeUncertainty:
         return middle - half, middle + half
 
     def _largest_components(self, triplets: FloatArray) -> FloatArray:
-        """The largest value of each component of b' over the box, (..., 3).
-
-        With p = b1 cos psi + b2 sin psi, q = b2 cos psi - b1 sin psi and v = p sin theta + b3 cos theta:
-
-            b'1 = p cos theta - b3 sin theta,  b'2 = q cos phi + v sin phi,  b'3 = v cos phi - q sin phi.
-
-        For a given psi each is largest at an extreme v, and then a sinusoid in the angle that is left.
-        """
-        low, high = self._angles()
-        if self.equal_angles:
-            components = [partial(_turned_alike, triplets, k) for k in range(3)]
-            return np.stack([_largest(component, low[0], high[0]) for component in components], axis=-1)
-        (phi_low, theta_low, psi_low), (phi_high, theta_high, psi_high) = low, high
-        b1, b2, b3 = (triplets[..., k, np.newaxis] for k in range(3))
-
-        def largest_v(p: FloatArray, sign: float) -> FloatArray:
-            return sign * _largest_sinusoid(sign * b3, sign * p, theta_low, theta_high)
-
-        def second(sign: float, psi: FloatArray) -> FloatArray:
-            """Over the angles phi of one sign."""
-            p, q = _in_plane(b1, b2, psi)
-            first, last = (max(phi_low, 0.0), phi_high) if sign > 0.0 else (phi_low, min(phi_high, 0.0))
-            return _largest_sinusoid(q, largest_v(p, sign), first, last)
-
-        def third(psi: FloatArray) -> FloatArray:
-            p, q = _in_plane(b1, b2, psi)
-            return _largest_sinusoid(largest_v(p, 1.0), -q, phi_low, phi_high)
-
-        largest_p = _largest_sinusoid(b1, b2, psi_low, psi_high)
-        x = _largest_sinusoid(largest_p, -b3, theta_low, theta_high)[..., 0]
-        signs = [sign for sign, there in ((1.0, phi_high >= 0.0), (-1.0, phi_low <= 0.0)) if there]
-        y = np.max([_largest(partial(second, sign), psi_low, psi_high) for sign in signs], axis=0)
-        return np.stack([x, y, _largest(third, psi_low, psi_high)], axis=-1)
+        """The largest value of each component of b' over the box, (..., 3)."""
+        flat = triplets.reshape(-1, 3).copy()
+        largest = np.empty_like(flat)
+        _largest_over_box(flat, *self._angles(), self.equal_angles, largest)
+        return largest.reshape(triplets.shape)
 
 
 def _three_angles(given: float | tuple[float, float, float], name: str) -> tuple[float, float, float]:
@@ -199,20 +174,7 @@ def _triplets(command: ArrayLike) -> FloatArray:
     values = np.asarray(command, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] % 3:
         raise ValueError(f"command has the shape {values.shape}; (..., 3) or (..., 6) would be right")
-    return values.reshape(*values.shape[:-1], -1, 3)
-
-
-def _in_plane(b1: FloatArray, b2: FloatArray, psi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The first two components after a turn of the frame by psi about z."""
-    cosine, sine = np.cos(psi), np.sin(psi)
-    return cosine * b1 + sine * b2, cosine * b2 - sine * b1
-
-
-def _turned_alike(triplets: FloatArray, component: int, angle: FloatArray) -> FloatArray:
-    """A component of triplets (..., 3) turned by the same angle (..., samples) about x, y and z."""
-    row = _rotation(np.repeat(angle[..., np.newaxis], 3, axis=-1))[..., component, :]
-    turned: FloatArray = np.einsum("...sj,...j->...s", row, triplets)
-    return turned
+    return values.reshape(*values.shape[:-1], values.shape[-1] // 3, 3)
 
 
 def _rotation(angles: FloatArray) -> FloatArray:
@@ -235,28 +197,86 @@ def _small_rotation(angles: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _largest_sinusoid(cosine: FloatArray, sine: FloatArray, low: float, high: float) -> FloatArray:
-    """The largest value of `cosine cos t + sine sin t` for t within a quarter turn of zero."""
-    peak = np.arctan2(sine, cosine)
-    ends = np.maximum(
-        cosine * math.cos(low) + sine * math.sin(low), cosine * math.cos(high) + sine * math.sin(high)
-    )
-    largest: FloatArray = np.where((peak >= low) & (peak <= high), np.hypot(cosine, sine), ends)
-    return largest
+@njit(error_model="numpy", cache=True)
+def _largest_over_box(
+    triplets: FloatArray, low: FloatArray, high: FloatArray, equal_angles: bool, largest: FloatArray
+) -> None:
+    """Write the largest components of triplets (count, 3), turned by angles from low to high (3,), rad.
 
+    With p = b1 cos psi + b2 sin psi, q = b2 cos psi - b1 sin psi and v = p sin theta + b3 cos theta:
 
-def _largest(function: Callable[[FloatArray], FloatArray], low: float, high: float) -> FloatArray:
-    """The largest value of a smooth function of one angle, by a grid that narrows around its best point.
+        b'1 = p cos theta - b3 sin theta,  b'2 = q cos phi + v sin phi,  b'3 = v cos phi - q sin phi.
 
-    The function takes angles (..., samples) and returns values (..., samples), one row for each command.
+    The first is a sinusoid in theta at the largest p. The others are, for a given psi, largest at an extreme
+    v, and then sinusoids in phi; where sin phi is negative, b'2 wants the smallest v.
     """
-    angle = low + _GRID * (high - low)
+    for i in range(triplets.shape[0]):
+        b1, b2, b3 = triplets[i]
+        if equal_angles:
+            for k in range(3):
+                largest[i, k] = _search(_EQUAL_FIRST + k, b1, b2, b3, low, high)
+            continue
+        p = _largest_sinusoid(b1, b2, low[2], high[2])
+        largest[i, 0] = _largest_sinusoid(p, -b3, low[1], high[1])
+        largest[i, 1] = -np.inf
+        if high[0] >= 0.0:
+            largest[i, 1] = _search(_SECOND_UPWARD, b1, b2, b3, low, high)
+        if low[0] < 0.0:
+            largest[i, 1] = max(largest[i, 1], _search(_SECOND_DOWNWARD, b1, b2, b3, low, high))
+        largest[i, 2] = _search(_THIRD, b1, b2, b3, low, high)
+
+
+@njit(error_model="numpy")
+def _search(form: int, b1: float, b2: float, b3: float, low: FloatArray, high: FloatArray) -> float:
+    """The largest `_value` over psi, by a grid that narrows around its best point."""
+    first, last = low[2], high[2]
+    largest = -np.inf
     for _ in range(_ZOOMS):
-        values = function(angle)
-        angles = np.broadcast_to(angle, values.shape)
-        best = np.argmax(values, axis=-1)[..., np.newaxis]
-        first = np.take_along_axis(angles, np.maximum(best - 1, 0), axis=-1)
-        last = np.take_along_axis(angles, np.minimum(best + 1, _GRID.size - 1), axis=-1)
-        angle = first + _GRID * (last - first)
-    largest: FloatArray = function(angle).max(axis=-1)
+        step = (last - first) / _STEPS
+        best, best_value = 0, -np.inf
+        for k in range(_STEPS + 1):
+            value = _value(form, b1, b2, b3, first + k * step, low, high)
+            if value > best_value:
+                best, best_value = k, value
+        largest = max(largest, best_value)
+        first, last = first + max(best - 1, 0) * step, first + min(best + 1, _STEPS) * step
     return largest
+
+
+@njit(error_model="numpy")
+def _value(
+    form: int, b1: float, b2: float, b3: float, psi: float, low: FloatArray, high: FloatArray
+) -> float:
+    cosine, sine = math.cos(psi), math.sin(psi)
+    p, q = b1 * cosine + b2 * sine, b2 * cosine - b1 * sine
+    if form == _SECOND_UPWARD:
+        v = _largest_sinusoid(b3, p, low[1], high[1])
+        return _largest_sinusoid(q, v, max(low[0], 0.0), high[0])
+    if form == _SECOND_DOWNWARD:
+        v = -_largest_sinusoid(-b3, -p, low[1], high[1])
+        return _largest_sinusoid(q, v, low[0], min(high[0], 0.0))
+    if form == _THIRD:
+        v = _largest_sinusoid(b3, p, low[1], high[1])
+        return _largest_sinusoid(v, -q, low[0], high[0])
+    if form == _EQUAL_FIRST:
+        return p * cosine - b3 * sine
+    v = p * sine + b3 * cosine
+    if form == _EQUAL_SECOND:
+        return q * cosine + v * sine
+    return v * cosine - q * sine
+
+
+@njit(error_model="numpy")
+def _largest_sinusoid(cosine: float, sine: float, low: float, high: float) -> float:
+    """The largest value of `cosine cos t + sine sin t` for t from low to high, at most half a turn apart."""
+    cosine_low, sine_low, cosine_high, sine_high = (
+        math.cos(low),
+        math.sin(low),
+        math.cos(high),
+        math.sin(high),
+    )
+    rises = sine * cosine_low - cosine * sine_low > 0.0
+    falls = sine * cosine_high - cosine * sine_high < 0.0
+    if rises and falls:  # the peak is between
+        return math.hypot(cosine, sine)
+    return max(cosine * cosine_low + sine * sine_low, cosine * cosine_high + sine * sine_high)

@@ -45,7 +45,7 @@ class ChanceConstrainedMapper(ConicRobustMapper):
 
     Attributes:
         probability: As stated.
-        standard_deviations: How many of them the miss of an axis is given, the z above.
+        quantile: z above: how many standard deviations the miss of an axis is given.
 
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
@@ -75,7 +75,5 @@ class ChanceConstrainedMapper(ConicRobustMapper):
         m, n = self._model.effectiveness.shape
         failure = (1.0 - probability) / (m if joint else 1)
         self.probability = probability
-        self.standard_deviations = -NormalDist().inv_cdf(0.5 * failure)
-        self._spread = self.standard_deviations * stated_spread(
-            standard_deviation, m, n, "standard_deviation"
-        )
+        self.quantile = -NormalDist().inv_cdf(0.5 * failure)
+        self._spread = self.quantile * stated_spread(standard_deviation, m, n, "standard_deviation")

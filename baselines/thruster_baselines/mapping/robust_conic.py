@@ -13,8 +13,9 @@ whose box holds the ellipsoid.
 Exact for each axis with an ellipsoid of its own. Conservative, as all robust mappers here, for what adds up
 over axes whose errors are tied to each other. Clarabel solves one command after the other by an
 interior-point method: the answer is optimal to about seven digits, is no vertex where several answers are
-equally cheap, and takes some hundred times as long as the linear program. A status of 1 says that round-off
-stopped it before that; its on-times keep the bounds, and `worst_miss` is right for them.
+equally cheap, and takes some hundred times as long as that of the linear program (more so in a batch, which
+the linear program shares between threads). A status of 1 says that round-off stopped it early; its on-times
+keep the bounds, and `worst_miss` is right for them.
 """
 
 from __future__ import annotations
