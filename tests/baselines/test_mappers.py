@@ -17,6 +17,7 @@ from thruster_baselines.mapping import (
     RobustCommandMapper,
     RobustEffectivenessMapper,
 )
+from thruster_baselines.mapping.model import LostDirectionsWarning
 from thruster_envs.spacecraft import load
 
 MAPPERS = [
@@ -223,6 +224,35 @@ def test_bad_input_gets_one_clear_line(mapper_class, call, message):
 def test_a_mapper_that_makes_no_sense_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         LPMapper(**arguments)
+
+
+def test_thrusters_that_leave_directions_out_of_reach_are_allowed_and_say_which():
+    turning_only = ORION.effectiveness()
+    turning_only[2] = 0.0  # nothing pushes along z any more
+    turning_only[1] = 2.0 * turning_only[0]  # and x and y go together
+    with pytest.warns(LostDirectionsWarning, match=r"rank 4 of 6: no firing gives .* on axis 2"):
+        mapper = LPMapper(turning_only, 5.0)
+    lost = mapper.lost_directions
+    assert lost.shape == (2, 6)
+    np.testing.assert_allclose(lost @ lost.T, np.eye(2), atol=1e-12)
+    weight = 1.0 / np.array([1.0, 2.0, 1.0, *np.abs(turning_only[3:]).max(axis=1) / 0.003])
+    np.testing.assert_allclose(lost @ (turning_only * weight[:, np.newaxis]), 0.0, atol=1e-12)
+    allocation = mapper([-0.01, -0.02, 0.01, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(allocation.slack, [0, 0, 0.01, 0, 0, 0], atol=1e-14)
+    assert LPMapper(ORION).lost_directions.shape == (0, 6)
+
+
+def test_costs_that_let_fuel_beat_tracking_are_refused_with_the_cost_that_would_do():
+    # One m/s costs healthy Orion 333 s of firing: two thrusters of 0.003 m/s^2 (reference 1.1.3).
+    with pytest.raises(ValueError, match=r"slack_cost of axis 0 is 166.* above 333\.3"):
+        LPMapper(ORION, slack_cost=[166.0, 1e4, 1e4, 1e4, 1e4, 1e4])
+    with pytest.raises(ValueError, match="fuel would win over tracking"):
+        LPMapper(ORION, fuel_cost=1e6, slack_cost=1e4)
+    LPMapper(ORION, slack_cost=334.0)
+    # above that price tracking comes first, whatever the command; below it, not always
+    for price, tracked in ((334.0, True), (332.0, False)):
+        mapper = LPMapper(ORION, slack_cost=price, fuel_may_win=True)
+        assert bool(abs(mapper([-0.01, 0, 0, 0, 0, 0]).slack[0]) < 1e-12) is tracked
 
 
 def test_minimum_norm_and_shift_tracks_for_more_fuel():

@@ -7,6 +7,7 @@ value.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +17,14 @@ from numpy.typing import ArrayLike
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["Model", "matrix_times_vector"]
+__all__ = ["LostDirectionsWarning", "Model", "matrix_times_vector"]
 
+_OUTSIDE = 5  # frames from the warning to who makes a mapper
 _RANK_TOLERANCE = 1e-10  # singular values of the weighed matrix below this share of the largest are zero
+
+
+class LostDirectionsWarning(UserWarning):
+    """A mapper was made for thrusters that leave some rate changes out of reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +74,9 @@ class Model:
             )
         require_finite_effectiveness(matrix)
         require_valid_bounds(bounds)
-        return cls(matrix, bounds)
+        model = cls(matrix, bounds)
+        model.say_what_is_lost()
+        return model
 
     @property
     def lost_directions(self) -> FloatArray:
@@ -83,6 +91,21 @@ class Model:
         rank = int((values > _RANK_TOLERANCE * values.max(initial=0.0)).sum())
         directions: FloatArray = left[:, rank:].T.copy()
         return directions
+
+    def say_what_is_lost(self) -> None:
+        """Warn (`LostDirectionsWarning`) if some rate changes are out of reach, and name them."""
+        lost = self.lost_directions
+        if len(lost):
+            named = "; ".join(
+                " ".join(f"{share:+.2g} on axis {k}" for k, share in enumerate(row) if abs(share) > 5e-3)
+                for row in lost
+            )
+            warnings.warn(
+                f"effectiveness has rank {len(self.effectiveness) - len(lost)} of {len(self.effectiveness)}: "
+                f"no firing gives {named} (shares of authority)",
+                LostDirectionsWarning,
+                stacklevel=_OUTSIDE,
+            )
 
     def overridden(self, effectiveness: ArrayLike | None, max_on_time: ArrayLike | None) -> Model:
         """This model with what a call brought in its place; leading axes are kept.
