@@ -8,6 +8,7 @@ A mapper is a formula over a whole batch (`ClosedFormMapper`), a solver that tak
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -166,17 +167,7 @@ class SolverMapper(WeightedMapper):
     """A mapper that hands one problem after the other to a solver."""
 
     def _allocate(self, command: FloatArray, model: Model) -> Allocation:
-        m, n = self._model.effectiveness.shape
-        leading = leading_axes(command, model)
-        commands = np.broadcast_to(command, (*leading, m))
-        matrices = np.broadcast_to(model.effectiveness, (*leading, m, n))
-        bounds = np.broadcast_to(model.max_on_time, (*leading, n))
-        on_times, cost, status = np.empty((*leading, n)), np.empty(leading), np.empty(leading, np.int64)
-        for at in np.ndindex(leading):
-            solution, cost[at], status[at] = self._solve(commands[at], matrices[at], bounds[at])
-            on_times[at] = np.clip(solution, 0.0, bounds[at])
-        slack = commands - matrix_times_vector(matrices, on_times)
-        return Allocation(on_times, slack, cost, status)
+        return one_by_one(self._solve, command, model)
 
     @abstractmethod
     def _solve(
@@ -216,9 +207,9 @@ class CompiledMapper(WeightedMapper):
         m, n = self._model.effectiveness.shape
         leading = leading_axes(command, model)
         on_times, slack, cost, report = self._run(
-            _whole(command, leading, (m,)).reshape(-1, m),
-            _each_or_shared(model.effectiveness, leading, (m, n)),
-            _each_or_shared(model.max_on_time, leading, (n,)),
+            whole(command, leading, (m,)).reshape(-1, m),
+            each_or_shared(model.effectiveness, leading, (m, n)),
+            each_or_shared(model.max_on_time, leading, (n,)),
         )
         return self._answer(
             on_times.reshape(*leading, n),
@@ -264,6 +255,32 @@ def raise_unless_optimal(command: FloatArray, report: IntArray) -> None:
     )
 
 
+def one_by_one(
+    solve: Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, float, int]],
+    command: FloatArray,
+    model: Model,
+) -> Allocation:
+    """Solve the problems of a call one after the other.
+
+    Args:
+        solve: Takes a command (m,), an effectiveness (m, n) and longest on-times (n,); gives on-times (n,) in
+            s, which are clipped to what is possible, an objective and a status.
+        command: (..., m), m/s then rad/s.
+        model: Leading axes broadcast against those of the command.
+    """
+    m, n = model.effectiveness.shape[-2:]
+    leading = leading_axes(command, model)
+    commands = np.broadcast_to(command, (*leading, m))
+    matrices = np.broadcast_to(model.effectiveness, (*leading, m, n))
+    bounds = np.broadcast_to(model.max_on_time, (*leading, n))
+    on_times, cost, status = np.empty((*leading, n)), np.empty(leading), np.empty(leading, np.int64)
+    for at in np.ndindex(leading):
+        solution, cost[at], status[at] = solve(commands[at], matrices[at], bounds[at])
+        on_times[at] = np.clip(solution, 0.0, bounds[at])
+    slack = commands - matrix_times_vector(matrices, on_times)
+    return Allocation(on_times, slack, cost, status)
+
+
 def leading_axes(command: FloatArray, model: Model) -> tuple[int, ...]:
     """The batch axes of a call."""
     return np.broadcast_shapes(
@@ -276,14 +293,14 @@ def plain(array: FloatArray) -> FloatArray:
     return array if array.flags.c_contiguous and array.flags.writeable else array.copy()
 
 
-def _each_or_shared(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
+def each_or_shared(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
     """The array with its leading axes made one: as long as the batch, or of length one if all share it."""
     if array.shape == trailing:
         return plain(array)[np.newaxis]
-    return _whole(array, leading, trailing).reshape(-1, *trailing)
+    return whole(array, leading, trailing).reshape(-1, *trailing)
 
 
-def _whole(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
+def whole(array: FloatArray, leading: tuple[int, ...], trailing: tuple[int, ...]) -> FloatArray:
     """The array with all of these axes, fit for a compiled kernel."""
     shape = leading + trailing
     return plain(array) if array.shape == shape else np.broadcast_to(array, shape).copy()
