@@ -57,6 +57,7 @@ PARALLEL_FROM = 512
 OPTIMALITY = 1e-12  # smallest reduced cost worth a pivot, in units of one slack's cost
 PIVOT = 1e-9  # smallest entry to pivot on; the scaled entries are of order one
 TIE = 1e-13  # steps that differ by less than this share of the largest scaled command are equal
+ROUND_OFF = 1e-14  # values nearer to a bound than this share of the largest scaled command are on it
 PIVOTS_PER_VARIABLE = 100  # give up after so many; a half is common
 LANES = 8  # float64 numbers in the widest vector register
 
@@ -223,15 +224,15 @@ def read(
         on_times[:] = 0.0
         slack[:] = 0.0
         return 0.0
-    tie = TIE * magnitude
+    round_off = ROUND_OFF * magnitude
     for j in range(n):
         on_times[j] = max_on_time[j] if w[SIGN, j] < 0.0 else 0.0
     for r in range(m):
         j = int(w[BASIS, r])
         if j < n:
-            if w[VALUE, r] <= tie:
+            if w[VALUE, r] <= round_off:
                 on_times[j] = 0.0
-            elif w[VALUE, r] >= w[CEILING, r] - tie:
+            elif w[VALUE, r] >= w[CEILING, r] - round_off:
                 on_times[j] = max_on_time[j]
             else:
                 on_times[j] = min(w[VALUE, r] / w[SCALE, j], max_on_time[j])
