@@ -1,0 +1,5 @@
+"""Estimation: what the thrusters truly do, from what was commanded and what was measured."""
+
+from thruster_baselines.estimation.effectiveness import EffectivenessFilter, Innovation
+
+__all__ = ["EffectivenessFilter", "Innovation"]

@@ -1,0 +1,450 @@
+"""A Kalman filter for what each thruster does, from what firing it changed.
+
+The state is the effectiveness A (m, n) itself, all of its entries, taken as constant but for a random walk:
+
+    A_(k+1) = A_k + w,    Z_k = A_k U_k + v,
+
+with the measured rate change Z_k and the effective on-times U_k of an interval (Yang 2003, ch. 4). In the
+source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n I]. How much of the covariance
+(m n, m n) has to be carried depends on the noise, and the three forms give the same numbers where they apply:
+
+- `shared`: measurement noise R, process noise Q and first covariance are multiples of the identity. Then the
+  covariance is a Kronecker product, and one n x n matrix serves all axes.
+- `by_axis`: they are diagonal, with one number per axis. Axes do not mix: m matrices of n x n.
+- `full`: any R. One matrix of (m n) x (m n).
+- `fired_only`: as `full`, but only what belongs to thrusters that fired is updated (Yang 2003, section
+  4.2.2). It ignores what a joint firing once taught about idle thrusters, so it is an approximation.
+
+Updates are in Joseph's form, expanded, which keeps covariances symmetric and positive whatever round-off does
+to the gain. Everything is batched over vehicles.
+
+Left out: sensor biases, mass properties, and the coupling loss, which belongs into the on-times
+(`thruster_baselines.mapping.delivered_on_times`); the drift of the free motion has to be taken out of the
+measurement before (`thruster_baselines.estimation.rate_change`). Consecutive rate changes share a velocity
+measurement, so that their errors are correlated with -1/2 at lag one; the filter takes them as independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["EffectivenessFilter", "Innovation"]
+
+Form = Literal["automatic", "shared", "by_axis", "full", "fired_only"]
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """What a measurement said that was not expected.
+
+    Attributes:
+        residual: (vehicles, m), measured minus expected rate change, m/s then rad/s.
+        covariance: (vehicles, m, m), what the filter thinks of its size.
+        valid: (vehicles,), whether there was a measurement; where not, the residual is zero.
+    """
+
+    residual: FloatArray
+    covariance: FloatArray
+    valid: NDArray[np.bool_]
+
+
+class EffectivenessFilter:
+    """Estimates the effectiveness of the thrusters of many vehicles, update by update.
+
+    Args:
+        spacecraft: Description, name, path, or effectiveness matrix (m, n): the first estimate.
+        process_noise: Variance that every entry gains per update: one number, or (m,) per axis.
+        measurement_noise: Variance of the rate change: one number, (m,) per axis, or (m, m).
+        initial_covariance: Variance of the entries of the first estimate, as `process_noise` is given; by
+            default the process noise (Yang 2003, section 4.2.1).
+        vehicles: How many are watched.
+        form: How the covariance is carried; by default the cheapest form that is exact.
+
+    Attributes:
+        effectiveness: (vehicles, m, n), the estimate, m/s^2 then rad/s^2.
+        form: The form in use.
+        refused: (vehicles,), how many measurements were no numbers and were not taken.
+
+    Raises:
+        ValueError: Noise that cannot be, or a form that the noise does not admit.
+
+    >>> filter = EffectivenessFilter("orion", process_noise=0.01, measurement_noise=10.0)
+    >>> on_times = np.zeros(12)
+    >>> on_times[[0, 5, 9, 11]] = 1.0
+    >>> innovation = filter.update(on_times, np.zeros(6))
+    >>> innovation.residual.round(4).tolist(), innovation.covariance[0, 0, 0].round(4)
+    ([[0.006, 0.006, 0.0, 0.0, 0.0, 0.0]], np.float64(10.08))
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike,
+        initial_covariance: ArrayLike | None = None,
+        vehicles: int = 1,
+        form: Form = "automatic",
+    ) -> None:
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        if isinstance(spacecraft, Spacecraft):
+            nominal = spacecraft.effectiveness()
+        else:
+            nominal = np.array(spacecraft, dtype=np.float64)
+        if nominal.ndim != 2 or not np.isfinite(nominal).all():
+            raise ValueError(f"effectiveness has the shape {nominal.shape}; a finite (m, n) would be right")
+        if vehicles < 1:
+            raise ValueError(f"vehicles is {vehicles}; one or more would be right")
+        m = nominal.shape[0]
+        self._nominal, self._vehicles = nominal, vehicles
+        self._process = _per_axis(process_noise, m, "process_noise")
+        self._measurement = _measurement_noise(measurement_noise, m)
+        first = process_noise if initial_covariance is None else initial_covariance
+        self._first = _per_axis(first, m, "initial_covariance")
+        self.form = self._choose(form)
+        self.reset()
+
+    def _choose(self, form: Form) -> Form:
+        diagonal = not np.any(self._measurement - np.diag(np.diag(self._measurement)))
+        same = all(
+            np.ptp(values) == 0.0 for values in (self._process, self._first, np.diag(self._measurement))
+        )
+        admitted = {"full", "fired_only"}
+        if diagonal:
+            admitted.add("by_axis")
+            if same:
+                admitted.add("shared")
+        if form == "automatic":
+            return "shared" if diagonal and same else "by_axis" if diagonal else "full"
+        if form not in admitted:
+            raise ValueError(
+                f"form is {form!r}, which this noise does not admit; one of "
+                f"{', '.join(sorted(admitted))} or automatic would be right"
+            )
+        return form
+
+    def reset(self, vehicles: ArrayLike | None = None) -> None:
+        """Go back to the first estimate.
+
+        Args:
+            vehicles: Which ones, as a mask (vehicles,); all by default.
+        """
+        if vehicles is None:
+            count = self._vehicles
+            self.effectiveness: FloatArray = np.repeat(self._nominal[np.newaxis], count, axis=0)
+            self.refused = np.zeros(count, np.int64)
+            self._covariance: FloatArray = np.repeat(self._first_covariance()[np.newaxis], count, axis=0)
+            return
+        mask = np.asarray(vehicles, dtype=np.bool_)
+        self.effectiveness[mask] = self._nominal
+        self.refused[mask] = 0
+        self._covariance[mask] = self._first_covariance()
+
+    def _first_covariance(self) -> FloatArray:
+        n = self._nominal.shape[1]
+        if self.form == "shared":
+            return np.diag(np.full(n, self._first[0]))
+        if self.form == "by_axis":
+            return np.asarray(self._first[:, np.newaxis, np.newaxis] * np.eye(n))
+        return np.diag(np.tile(self._first, n))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(vehicles, m n, m n): of the entries of the estimate, columns stacked; a copy in any form."""
+        m, n = self._nominal.shape
+        if self.form == "shared":
+            return np.stack([np.kron(one, np.eye(m)) for one in self._covariance])
+        if self.form == "by_axis":
+            whole = np.zeros((self._vehicles, n, m, n, m))
+            for k in range(m):
+                whole[:, :, k, :, k] = self._covariance[:, k]
+            return whole.reshape(self._vehicles, m * n, m * n)
+        return self._covariance.copy()
+
+    def update(
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,
+        *,
+        measurement_noise: ArrayLike | None = None,
+        valid: ArrayLike | None = None,
+    ) -> Innovation:
+        """Take in one interval's measurement.
+
+        Args:
+            on_times: (vehicles, n) or (n,), s: effective on-times of the interval, coupling loss taken off.
+            rate_change: (vehicles, m) or (m,), m/s then rad/s: measured, free motion taken off. One that is
+                not finite is refused and counted.
+            measurement_noise: (vehicles, m, m), instead of the filter's own; only with the full forms.
+            valid: (vehicles,), where there is a measurement at all; elsewhere only time passes.
+
+        Raises:
+            ValueError: A wrong shape; on-times that are not finite.
+        """
+        m, n = self._nominal.shape
+        count = self._vehicles
+        times = _batch(on_times, count, n, "on_times")
+        if not np.isfinite(times).all():
+            raise ValueError("on_times has an entry that is not finite; s of firing would be right")
+        measured = _batch(rate_change, count, m, "rate_change")
+        there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
+        if there.shape != (count,):
+            raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
+        numbers = np.isfinite(measured).all(axis=1)
+        self.refused += there & ~numbers
+        there &= numbers
+        residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
+        if self.form in ("shared", "by_axis"):
+            if measurement_noise is not None:
+                raise ValueError(
+                    f"measurement_noise is given for each update, which the form {self.form!r} does not "
+                    "admit; form='full' would be right"
+                )
+            noise = np.diag(self._measurement).copy()
+            kernel = _update_shared if self.form == "shared" else _update_by_axis
+            kernel(
+                times, measured, there, self._process, noise, self.effectiveness, self._covariance,
+                residual, covariance,
+            )  # fmt: skip
+        else:
+            noises = (
+                self._measurement[np.newaxis]
+                if measurement_noise is None
+                else np.array(measurement_noise, dtype=np.float64, order="C")
+            )
+            if noises.shape not in ((1, m, m), (count, m, m)):
+                raise ValueError(
+                    f"measurement_noise has the shape {noises.shape}; ({count}, {m}, {m}) would be right"
+                )
+            _update_full(
+                times, measured, there, self._process, noises, self.form == "fired_only",
+                self.effectiveness, self._covariance, residual, covariance,
+            )  # fmt: skip
+        return Innovation(residual, covariance, there)
+
+    def replace_column(self, vehicles: ArrayLike, thruster: int, column: ArrayLike) -> None:
+        """Overwrite what is believed of one thruster, and know it as well as at the start.
+
+        What was learned of it together with others is forgotten (its cross-covariances become zero).
+
+        Args:
+            vehicles: Which ones, as a mask (vehicles,).
+            thruster: Its number, from 1.
+            column: (m,) or (vehicles in the mask, m), m/s^2 then rad/s^2.
+        """
+        m, n = self._nominal.shape
+        if not 1 <= thruster <= n:
+            raise ValueError(f"thruster is {thruster}; a number from 1 to {n} would be right")
+        mask, i = np.asarray(vehicles, dtype=np.bool_), thruster - 1
+        self.effectiveness[mask, :, i] = column
+        fresh = self._first_covariance()
+        if self.form in ("shared", "by_axis"):
+            for at in np.flatnonzero(mask):
+                self._covariance[at, ..., i, :] = 0.0
+                self._covariance[at, ..., :, i] = 0.0
+                self._covariance[at, ..., i, i] = fresh[..., i, i]
+            return
+        block = slice(i * m, (i + 1) * m)
+        for at in np.flatnonzero(mask):
+            self._covariance[at, block, :] = 0.0
+            self._covariance[at, :, block] = 0.0
+            self._covariance[at, block, block] = fresh[block, block]
+
+
+def _per_axis(given: ArrayLike, m: int, name: str) -> FloatArray:
+    values = np.array(given, dtype=np.float64)
+    values = np.full(m, values) if values.ndim == 0 else values
+    if values.shape != (m,) or not (np.isfinite(values) & (values >= 0.0)).all():
+        raise ValueError(
+            f"{name} is {values.tolist()}; a variance, or one for each of {m} axes, zero or more, "
+            "would be right"
+        )
+    return values
+
+
+def _measurement_noise(given: ArrayLike, m: int) -> FloatArray:
+    values = np.array(given, dtype=np.float64)
+    if values.ndim < 2:
+        values = np.diag(_per_axis(values, m, "measurement_noise"))
+    if values.shape != (m, m) or not np.isfinite(values).all() or not np.array_equal(values, values.T):
+        raise ValueError(
+            f"measurement_noise has the shape {values.shape}; a variance, ({m},), or a symmetric ({m}, {m}) "
+            "would be right"
+        )
+    if np.linalg.eigvalsh(values).min() <= 0.0:
+        raise ValueError("measurement_noise is not positive definite; positive variances would be right")
+    return values
+
+
+def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
+    values = np.array(given, dtype=np.float64, order="C")
+    if values.shape == (size,):
+        values = np.repeat(values[np.newaxis], count, axis=0)
+    if values.shape != (count, size):
+        raise ValueError(f"{name} has the shape {values.shape}; ({count}, {size}) would be right")
+    return values
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _update_axis(
+    times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
+    pu: FloatArray,
+) -> float:  # fmt: skip
+    """One axis, or all in one: covariance p (n, n) and, with the innovation, row (n,); its variance."""
+    n = times.size
+    variance = r
+    for i in range(n):
+        p[i, i] += q
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += p[i, j] * times[j]
+        pu[i] = total
+        variance += total * times[i]
+    if taught:
+        for i in range(n):
+            gain = pu[i] / variance
+            row[i] += gain * innovation
+            for j in range(n):
+                other = pu[j] / variance
+                p[i, j] += variance * gain * other - gain * pu[j] - pu[i] * other
+    return variance
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _update_shared(
+    times: FloatArray,
+    measured: FloatArray,
+    there: NDArray[np.bool_],
+    process: FloatArray,
+    noise: FloatArray,
+    effectiveness: FloatArray,
+    covariance: FloatArray,
+    residual: FloatArray,
+    spread: FloatArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    pu, nothing = np.empty(n), np.zeros(n)
+    for v in range(times.shape[0]):
+        variance = _update_axis(times[v], 0.0, process[0], noise[0], nothing, covariance[v], there[v], pu)
+        for k in range(m):
+            spread[v, k, k] = variance
+            if there[v]:
+                rest = measured[v, k]
+                for i in range(n):
+                    rest -= effectiveness[v, k, i] * times[v, i]
+                residual[v, k] = rest
+                rest /= variance
+                for i in range(n):
+                    effectiveness[v, k, i] += pu[i] * rest
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _update_by_axis(
+    times: FloatArray,
+    measured: FloatArray,
+    there: NDArray[np.bool_],
+    process: FloatArray,
+    noise: FloatArray,
+    effectiveness: FloatArray,
+    covariance: FloatArray,
+    residual: FloatArray,
+    spread: FloatArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    pu = np.empty(n)
+    for v in range(times.shape[0]):
+        for k in range(m):
+            rest = 0.0
+            if there[v]:
+                rest = measured[v, k]
+                for i in range(n):
+                    rest -= effectiveness[v, k, i] * times[v, i]
+            residual[v, k] = rest
+            spread[v, k, k] = _update_axis(
+                times[v], rest, process[k], noise[k], effectiveness[v, k], covariance[v, k], there[v], pu
+            )
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _update_full(
+    times: FloatArray,
+    measured: FloatArray,
+    there: NDArray[np.bool_],
+    process: FloatArray,
+    noise: FloatArray,
+    fired_only: bool,
+    effectiveness: FloatArray,
+    covariance: FloatArray,
+    residual: FloatArray,
+    spread: FloatArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    size = m * n
+    ph, gain = np.empty((size, m)), np.empty((size, m))
+    for v in range(times.shape[0]):
+        p, u = covariance[v], times[v]
+        for i in range(n):
+            for k in range(m):
+                p[i * m + k, i * m + k] += process[k]
+        r = noise[v if noise.shape[0] > 1 else 0]
+        for s in range(size):
+            for k in range(m):
+                ph[s, k] = 0.0
+            if not (fired_only and u[s // m] == 0.0):
+                for j in range(n):
+                    if u[j] != 0.0:
+                        for k in range(m):
+                            ph[s, k] += p[s, j * m + k] * u[j]
+        for k in range(m):
+            for other in range(m):
+                total = r[k, other]
+                for i in range(n):
+                    total += u[i] * ph[i * m + k, other]
+                spread[v, k, other] = total
+        if not there[v]:
+            continue
+        for k in range(m):
+            rest = measured[v, k]
+            for i in range(n):
+                rest -= effectiveness[v, k, i] * u[i]
+            residual[v, k] = rest
+        inverse = np.linalg.inv(spread[v])
+        for s in range(size):
+            for k in range(m):
+                total = 0.0
+                for other in range(m):
+                    total += ph[s, other] * inverse[other, k]
+                gain[s, k] = total
+            i, axis = s // m, s % m
+            for k in range(m):
+                effectiveness[v, axis, i] += gain[s, k] * residual[v, k]
+        _joseph(p, gain, ph, spread[v])
+
+
+@njit(error_model="numpy", nogil=True)
+def _joseph(p: FloatArray, gain: FloatArray, ph: FloatArray, spread: FloatArray) -> None:
+    """P - K H P - P H' K' + K (H P H' + R) K', which is Joseph's form multiplied out."""
+    size, m = gain.shape
+    weighed = np.empty(m)
+    for s in range(size):
+        for k in range(m):
+            total = 0.0
+            for other in range(m):
+                total += gain[s, other] * spread[other, k]
+            weighed[k] = total - ph[s, k]
+        for t in range(s, size):
+            change = 0.0
+            for k in range(m):
+                change += weighed[k] * gain[t, k] - gain[s, k] * ph[t, k]
+            p[s, t] += change
+            p[t, s] = p[s, t]
