@@ -19,7 +19,11 @@ from thruster_baselines.mapping.exact import ExactCompensationMapper
 from thruster_baselines.mapping.lp import LPMapper
 from thruster_baselines.mapping.milp import MILPMapper
 from thruster_baselines.mapping.minimum_norm import MinimumNormShiftMapper
+from thruster_baselines.mapping.non_negative import NonNegativeLeastSquaresMapper
+from thruster_baselines.mapping.null_space import NullSpaceMapper
 from thruster_baselines.mapping.pseudo_inverse import PseudoInverseMapper
+from thruster_baselines.mapping.quadratic import QuadraticMapper
+from thruster_baselines.mapping.redistributed import RedistributedPseudoInverseMapper
 from thruster_baselines.mapping.robust_command import RobustCommandMapper
 from thruster_baselines.mapping.robust_conic import ConicRobustMapper
 from thruster_baselines.mapping.robust_effectiveness import RobustEffectivenessMapper
@@ -39,7 +43,11 @@ __all__ = [
     "LPSequence",
     "MILPMapper",
     "MinimumNormShiftMapper",
+    "NonNegativeLeastSquaresMapper",
+    "NullSpaceMapper",
     "PseudoInverseMapper",
+    "QuadraticMapper",
+    "RedistributedPseudoInverseMapper",
     "RobustAllocation",
     "RobustCommandMapper",
     "RobustEffectivenessMapper",

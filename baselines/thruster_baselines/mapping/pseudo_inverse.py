@@ -13,7 +13,7 @@ from thruster_baselines.mapping.base import ClosedFormMapper
 from thruster_baselines.mapping.model import matrix_times_vector
 from thruster_envs.protocols import FloatArray
 
-__all__ = ["PseudoInverseMapper", "minimum_norm_inverse"]
+__all__ = ["PseudoInverseMapper", "axis_weights", "minimum_norm_inverse"]
 
 
 class PseudoInverseMapper(ClosedFormMapper):
@@ -44,8 +44,19 @@ def minimum_norm_inverse(effectiveness: FloatArray) -> FloatArray:
     Args:
         effectiveness: (..., m, n), m/s^2 then rad/s^2.
     """
-    largest = np.abs(effectiveness).max(axis=-1)
-    weight = np.where(largest > 0.0, 1.0 / np.where(largest > 0.0, largest, 1.0), 0.0)
+    weight = axis_weights(effectiveness)
     inverse = np.linalg.pinv(effectiveness * weight[..., np.newaxis]) * weight[..., np.newaxis, :]
     acting = np.abs(effectiveness).max(axis=-2) > 0.0  # no round-off for a thruster that does nothing
     return np.where(acting[..., np.newaxis], inverse, 0.0)
+
+
+def axis_weights(effectiveness: FloatArray) -> FloatArray:
+    """One over the largest effectiveness on each axis, (..., m); zero for an axis on which nothing acts.
+
+    They turn a rate change into s of the axis's strongest thruster, so that m and rad can be added.
+
+    Args:
+        effectiveness: (..., m, n), m/s^2 then rad/s^2.
+    """
+    largest = np.abs(effectiveness).max(axis=-1)
+    return np.where(largest > 0.0, 1.0 / np.where(largest > 0.0, largest, 1.0), 0.0)
