@@ -18,9 +18,9 @@ unless other groups can be found.
 
 Groups are found unless they are given: thruster by thruster in order, the cheapest firing of thrusters not
 yet in a group that undoes this one's (a linear program). Acting on axes that this one leaves alone is dear,
-so that a group is of thrusters that belong together. Left out: a search for the
-groups that serve most thrusters; a thruster taken early may be missed later. For a craft whose thrusters
-have nothing in common, there is seldom more than one group.
+so that a group is of thrusters that belong together. Left out: a search for the groups that serve most
+thrusters; one taken early may be missed later. Where thrusters have nothing in common, a group takes one more
+than there are axes.
 """
 
 from __future__ import annotations
@@ -44,9 +44,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 
 _NEGLIGIBLE = 1e-9  # of a thruster's effect: below this share it has none on an axis, and a group cancels
 _ROUND_OFF = 1e-12  # shares of the largest minimum-norm on-time below this open no thruster
-_ELSEWHERE = (
-    1e3  # what the whole of a thruster's effect costs on axes foreign to the group, beside 1 for firing it
-)
+_ELSEWHERE = 1e3  # what the whole of a thruster's effect costs on foreign axes, beside 1 for firing it
 _MISS = 1e8  # what missing as much costs
 
 
