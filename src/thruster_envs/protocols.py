@@ -3,20 +3,25 @@
 A mapper turns a commanded body rate change into thruster on-times: the linear program, a pseudo-inverse and a
 trained network stand behind the same call. Left out on purpose: how a mapper learns of a fault. Whoever knows
 better than the model that a mapper was built with passes `effectiveness` or `max_on_time` with the call.
+
+A detector says after each interval of firing whether something is wrong, and with which thruster, for many
+vehicles at once. It sees what was commanded and what was measured, never the truth.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Allocation", "FloatArray", "IntArray", "Mapper"]
+__all__ = ["Allocation", "FloatArray", "IntArray", "Mapper", "MapperWithMemory"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,4 +70,87 @@ class Mapper(Protocol):
         call;
         leading axes broadcast against those of the command.
         """
+        ...
+
+
+@runtime_checkable
+class MapperWithMemory(Mapper, Protocol):
+    """A mapper that owes something from earlier commands and makes up for it in later ones.
+
+    It serves one craft, or a fixed number of them (worlds), and takes their commands in the order in which
+    they are flown.
+    """
+
+    @property
+    def remainder(self) -> FloatArray:
+        """(m,), or (worlds, m): the rate change that is carried over to the next command, m/s then rad/s."""
+        ...
+
+    def forget(self, worlds: ArrayLike | None = None) -> None:
+        """Owe nothing any more, in all worlds or in those of a mask (worlds,)."""
+        ...
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later answers depend on beside the command, as copies by name."""
+        ...
+
+    def restore_state(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `save_state` gave."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a detector says of each vehicle after one interval.
+
+    Attributes:
+        detected: (vehicles,). Whether the statistic of this interval exceeds the threshold.
+        thruster: (vehicles,). The blamed one, numbered from 1; 0 where nothing is detected, or where the
+            method cannot tell which thruster it is.
+        statistic: (vehicles,). What is compared with the threshold; 0 where there was no measurement.
+        time: (vehicles,), s. Since the last reset, at the end of this interval.
+        suspicion: (vehicles, n). The statistic of each thruster; zeros where the method has none.
+        shortfall: (vehicles, n), s. By how much each thruster would have fired less than it was told, if it
+            were the one; negative for thrust that was not commanded; zeros where the method has none.
+    """
+
+    detected: BoolArray
+    thruster: IntArray
+    statistic: FloatArray
+    time: FloatArray
+    suspicion: FloatArray
+    shortfall: FloatArray
+
+
+class Detector(Protocol):
+    """Watches vehicles, interval by interval, for thrusters that do not do what they are told."""
+
+    threshold: float
+
+    def update(
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,
+        duration: float,
+        *,
+        valid: ArrayLike | None = None,
+    ) -> Diagnosis:
+        """Take in one interval.
+
+        Args:
+            on_times: (vehicles, n), s: for how long each thruster was commanded to be open in the interval.
+            rate_change: (vehicles, m), m/s then rad/s, body axes: measured over the interval, motion without
+                thrust taken off.
+            duration: Of the interval, s.
+            valid: (vehicles,), where there is a measurement; everywhere by default. One that is not finite
+                is refused and counts as none.
+        """
+        ...
+
+    def reset(self, vehicles: ArrayLike | None = None) -> None:
+        """Begin anew, in the vehicles of a mask (vehicles,) or in all of them."""
+        ...
+
+    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+        """From now on expect what thrusters of this effectiveness (..., m, n) give, m/s^2 then rad/s^2."""
         ...
