@@ -13,7 +13,7 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test unit lint format types imports bench clean
+.PHONY: help install train test unit lint format types imports bench reproduce clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -44,6 +44,9 @@ imports: $(INSTALLED) ## who may import whom
 
 bench: $(INSTALLED_BENCH) ## speed beside peers; writes docs/results/speed.md
 	$(BIN)/python -m benchmarks $(ARGS)
+
+reproduce: $(INSTALLED) ## recompute the sources' results; writes docs/results/reproductions.md; options in ARGS="..."
+	$(BIN)/python -m reproductions run $(or $(ARGS),all)
 
 clean: ## remove caches and builds; runs and .venv stay
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

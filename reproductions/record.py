@@ -1,0 +1,143 @@
+"""What a reproduction is, and what comes of running one.
+
+A `Reproduction` says where a result stands in its source, what was reported, and what has to hold for it to
+count as reproduced; its `run` recomputes it and gives a `Finding`. The verdict follows from the finding's
+checks. Nobody writes it down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+__all__ = ["FULL", "QUICK", "Effort", "Finding", "Reproduction", "Table", "Verdict"]
+
+
+class Verdict(StrEnum):
+    """What came of an attempt to recompute a result."""
+
+    REPRODUCED = "reproduced"
+    WITH_A_CORRECTION = "reproduced with a correction"
+    NOT_REPRODUCIBLE = "not reproducible"
+    NOT_REPRODUCED = "not reproduced"
+    BEYOND_THE_SOURCE = "beyond the source"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How much a run may cost.
+
+    Attributes:
+        samples: Random commands or problems of a study.
+        repetitions: Timed calls.
+        flights: Episodes flown.
+    """
+
+    samples: int = 10_000
+    repetitions: int = 2_000
+    flights: int = 100
+
+
+FULL = Effort()
+QUICK = Effort(samples=100, repetitions=20, flights=1)
+"""Shows that a reproduction runs; says nothing about its result."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Lines of text under headings.
+
+    Attributes:
+        title: What it shows.
+        head: One heading per column.
+        rows: One text per column.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def __post_init__(self) -> None:
+        for number, row in enumerate(self.rows, start=1):
+            if len(row) != len(self.head):
+                raise ValueError(
+                    f"row {number} of {self.title!r} has {len(row)} cells; {len(self.head)} would be right"
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What was recomputed.
+
+    Attributes:
+        ours: The figures to set beside what was reported, in a line.
+        checks: The parts of the criterion, each with whether it holds; one or more.
+        correction: What of the source has to be put right before its result comes out; empty for nothing.
+        not_reproducible: Why a reported figure cannot be had, whatever is computed; empty if it can.
+        beyond_source: The source reports nothing to compare with.
+        note: What a reader should know besides.
+        data: The figures, as what JSON knows (NumPy's numbers and arrays are turned into it).
+        tables: Shown below the note.
+        figure: Draws to the path of a PNG.
+    """
+
+    ours: str
+    checks: Mapping[str, bool]
+    data: Mapping[str, Any]
+    correction: str = ""
+    not_reproducible: str = ""
+    beyond_source: bool = False
+    note: str = ""
+    tables: tuple[Table, ...] = ()
+    figure: Callable[[Path], None] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.checks:
+            raise ValueError("checks is empty; one part of the criterion or more would be right")
+        if self.correction and self.not_reproducible:
+            raise ValueError("correction and not_reproducible are both given; one of them would be right")
+
+    @property
+    def verdict(self) -> Verdict:
+        """A check that fails outweighs the rest."""
+        if not all(self.checks.values()):
+            return Verdict.NOT_REPRODUCED
+        if self.beyond_source:
+            return Verdict.BEYOND_THE_SOURCE
+        if self.not_reproducible:
+            return Verdict.NOT_REPRODUCIBLE
+        return Verdict.WITH_A_CORRECTION if self.correction else Verdict.REPRODUCED
+
+    @property
+    def reason(self) -> str:
+        """What goes with the verdict: the checks that fail, why it cannot be had, or what was corrected."""
+        failed = "; ".join(part for part, holds in self.checks.items() if not holds)
+        return failed or self.not_reproducible or self.correction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduction:
+    """A result of a source, and how it is recomputed.
+
+    Attributes:
+        id: Unique over all sources, such as E07.
+        title: What it is.
+        source: Such as Yang 2003.
+        lines: Where it stands there; L numbers are lines of the text that this project worked from.
+        reported: What the source says, in a line.
+        criterion: What has to hold for it to count as reproduced.
+        run: Recomputes it.
+        alone: It times something, and is run when nothing else runs.
+    """
+
+    id: str
+    title: str
+    source: str
+    lines: str
+    reported: str
+    criterion: str
+    run: Callable[[Effort], Finding]
+    alone: bool = False

@@ -1,0 +1,148 @@
+"""Which motions Orion keeps when a thruster is lost.
+
+A direction is one of the six axes with a sign; it is kept if thrusters can change that rate and no other. How
+much of it is left in a period comes from one linear program for each direction, and whether there is any is
+asked of the mapper besides: with no limit on the on-times it then has to meet a command in full.
+
+The source speaks of one loss. What two losses take away is ours.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from reproductions.figures import BLUE, INK, RED, panels, save
+from reproductions.record import Effort, Finding, Reproduction, Table
+from thruster_baselines.mapping import LPMapper
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import load
+
+ORION = load("orion")
+DIRECTIONS = np.vstack([np.eye(6), -np.eye(6)])
+"""(12, 6): each axis upward, then each downward."""
+NAMES = tuple(f"{sign}{axis}" for sign in "+-" for axis in ("x", "y", "z", "x-rot", "y-rot", "z-rot"))
+
+
+def redundancy(effort: Effort) -> Finding:
+    """E22."""
+    count = len(ORION.thrusters)
+    healthy = authority(())
+    left = np.array([authority((i,)) for i in range(count)])
+    kept = np.array([kept_by_mapper((i,)) for i in range(count)])
+    pairs = list(itertools.combinations(range(count), 2))
+    losing = [(i + 1, j + 1) for i, j in pairs if not kept_by_mapper((i, j)).all()]
+    shares = left / healthy
+    changed = shares < 1.0 - 1e-9
+    return Finding(
+        ours=(
+            f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} of "
+            f"{len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each"
+        ),
+        checks={
+            "after each single loss the mapper meets a command in each direction": bool(kept.all()),
+            "and HiGHS finds authority in each": bool((shares > 1e-6).all()),
+        },
+        note=(
+            f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
+            f"direction away. They are {', '.join(f'{i} and {j}' for i, j in losing)}."
+        ),
+        data={
+            "directions": NAMES,
+            "healthy": healthy,
+            "left": left,
+            "pairs": len(pairs),
+            "pairs_that_lose_a_direction": losing,
+        },
+        tables=(
+            Table(
+                "Authority of one period of 5 s with the other axes held at zero, m/s and rad/s",
+                ("lost", *NAMES),
+                tuple(
+                    (name, *(f"{one:.3g}" for one in values))
+                    for name, values in zip(
+                        ("none", *(f"{i + 1}" for i in range(count))), [healthy, *left], strict=True
+                    )
+                ),
+            ),
+        ),
+        figure=lambda path: draw(path, shares),
+    )
+
+
+def authority(lost: tuple[int, ...]) -> FloatArray:
+    """The largest rate change (12,) of one period in each direction, without any other, m/s then rad/s."""
+    working = _without(lost)
+    scale = np.abs(working).max(axis=1, initial=1e-9)
+    rows = working / scale[:, np.newaxis]
+    answers = [
+        linprog(
+            np.append(np.zeros(rows.shape[1]), -1.0),
+            A_eq=np.column_stack([rows, -direction]),
+            b_eq=np.zeros(len(rows)),
+            bounds=[(0.0, ORION.control_period)] * rows.shape[1] + [(0.0, None)],
+        ).x[-1]
+        for direction in DIRECTIONS
+    ]
+    return np.array(answers) * np.tile(scale, 2)
+
+
+def kept_by_mapper(lost: tuple[int, ...]) -> NDArray[np.bool_]:
+    """(12,): whether the mapper meets a command in each direction, with no limit on the on-times."""
+    mapper = LPMapper(_without(lost), max_on_time=np.inf, slack_cost=1e6)
+    commands = DIRECTIONS * np.tile(ORION.authority(), 2)[:, np.newaxis]
+    missed = np.abs(mapper(commands).slack) / ORION.authority()
+    return np.asarray((missed < 1e-9).all(axis=-1))
+
+
+def _without(lost: tuple[int, ...]) -> FloatArray:
+    working = ORION.effectiveness().copy()
+    working[:, list(lost)] = 0.0
+    return working
+
+
+def draw(path: Path, shares: FloatArray) -> None:
+    """What is left of each direction after each loss, in %.
+
+    Args:
+        path: Of the PNG.
+        shares: (12, 12): lost thruster, direction.
+    """
+    figure, (axes,) = panels(height=4.4)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    whole = np.isclose(shares, 1.0)
+    for (row, column), share in np.ndenumerate(shares):
+        colour = INK if whole[row, column] else RED if share < 1e-6 else BLUE
+        axes.text(
+            column, row, f"{100.0 * share:.0f}", ha="center", va="center", color=colour,
+            alpha=0.45 if whole[row, column] else 1.0, weight="normal" if whole[row, column] else "bold",
+        )  # fmt: skip
+    axes.set_xticks(range(len(NAMES)), NAMES)
+    axes.set_yticks(range(len(shares)), [f"{i + 1}" for i in range(len(shares))])
+    axes.set(
+        xlim=(-0.6, len(NAMES) - 0.4),
+        ylim=(len(shares) - 0.4, -0.6),
+        xlabel="direction, other axes held at zero",
+        ylabel="lost thruster",
+        title="What Orion has left of each direction when one thruster is lost, % of healthy",
+    )
+    axes.tick_params(length=0)
+    save(figure, path)
+
+
+REPRODUCTIONS = (
+    Reproduction(
+        id="E22",
+        title="Orion's redundancy: any one thruster lost",
+        source="Yang 2003",
+        lines="L1345",
+        reported="full control in six degrees of freedom after the loss of any one thruster",
+        criterion="some authority left in all 12 signed directions after each of the 12 losses",
+        run=redundancy,
+    ),
+)

@@ -1,0 +1,183 @@
+"""Reproductions run, and what is written is what came of them; how they came out is for the page to say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reproductions.__main__ import RESULTS, main
+from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
+from reproductions.registry import chosen, find_all, fingerprint, order
+from reproductions.results import entry_of, merge, read, render
+from reproductions.running import run
+
+REGISTERED = find_all()
+
+
+def toy(name: str = "T1", holds: bool = True, **more: object) -> Reproduction:
+    def study(effort: Effort) -> Finding:
+        return Finding(
+            ours=f"{effort.samples} samples",
+            checks={"it holds": holds},
+            data={"samples": np.int64(effort.samples), "rates": np.array([0.5])},
+            tables=(Table("A | B", ("a", "b"), (("1|2", "3"),)),),
+            figure=lambda path: path.write_bytes(b"a picture"),
+            **more,
+        )
+
+    return reproduction(name, study)
+
+
+def toy_that_raises(name: str, error: BaseException) -> Reproduction:
+    def study(effort: Effort) -> Finding:
+        raise error
+
+    return reproduction(name, study)
+
+
+def reproduction(name: str, study: Callable[[Effort], Finding]) -> Reproduction:
+    return Reproduction(
+        id=name,
+        title=f"Toy {name}",
+        source="Nobody 1900",
+        lines="L1",
+        reported="7",
+        criterion="it holds",
+        run=study,
+    )
+
+
+@pytest.mark.parametrize("name", REGISTERED)
+def test_a_reproduction_runs_in_quick_effort_and_can_be_kept(name, tmp_path):
+    entry = entry_of(REGISTERED[name], QUICK, tmp_path)
+    assert entry["verdict"] in list(Verdict)
+    assert entry["ours"]
+    assert (
+        entry["reported"]
+        or entry["verdict"] == Verdict.BEYOND_THE_SOURCE
+        or not all(entry["checks"].values())
+    )
+    assert entry == json.loads(json.dumps(entry, allow_nan=False))
+    if entry["figure"] is not None:
+        assert (tmp_path / entry["figure"]).read_bytes().startswith(b"\x89PNG")
+    assert entry["title"] in render({name: entry})
+
+
+def test_the_page_is_what_the_recorded_results_render_to():
+    assert (RESULTS / "reproductions.md").read_text(encoding="utf-8") == render(read(RESULTS))
+
+
+def test_every_registered_result_is_on_record_and_no_other():
+    recorded = read(RESULTS)
+    assert list(recorded) == list(REGISTERED)
+    for name, entry in recorded.items():
+        assert entry["figure"] is None or (RESULTS / entry["figure"]).is_file(), name
+
+
+def test_recorded_results_are_of_the_full_effort():
+    efforts = [Effort(**entry["effort"]) for entry in read(RESULTS).values()]
+    assert all(effort == FULL for effort in efforts)
+    assert FULL.samples >= 10_000
+
+
+@pytest.mark.parametrize(
+    ("given", "verdict", "reason"),
+    [
+        ({}, Verdict.REPRODUCED, ""),
+        ({"correction": "a sign"}, Verdict.WITH_A_CORRECTION, "a sign"),
+        ({"not_reproducible": "no inputs"}, Verdict.NOT_REPRODUCIBLE, "no inputs"),
+        ({"beyond_source": True}, Verdict.BEYOND_THE_SOURCE, ""),
+        ({"holds": False, "correction": "a sign"}, Verdict.NOT_REPRODUCED, "it holds"),
+        ({"holds": False, "beyond_source": True}, Verdict.NOT_REPRODUCED, "it holds"),
+    ],
+)
+def test_the_verdict_follows_from_the_checks(given, verdict, reason):
+    finding = toy(**given).run(QUICK)
+    assert (finding.verdict, finding.reason) == (verdict, reason)
+
+
+def test_a_finding_without_a_check_is_refused():
+    with pytest.raises(ValueError, match="checks is empty"):
+        Finding(ours="7", checks={}, data={})
+
+
+def test_a_table_with_a_cell_too_few_is_refused():
+    with pytest.raises(ValueError, match="row 2 of 'Rates' has 1 cells; 2 would be right"):
+        Table("Rates", ("a", "b"), (("1", "2"), ("3",)))
+
+
+def test_running_one_replaces_its_entry_and_keeps_the_others(tmp_path):
+    run([toy("T10"), toy("T2")], QUICK, tmp_path)
+    run([toy("T2", holds=False)], QUICK, tmp_path)
+    recorded = read(tmp_path)
+    assert list(recorded) == ["T2", "T10"]
+    assert [entry["verdict"] for entry in recorded.values()] == ["not reproduced", "reproduced"]
+    page = (tmp_path / "reproductions.md").read_text(encoding="utf-8")
+    assert page == render(recorded)
+    assert "2 results: 1 not reproduced, 1 reproduced." in page
+    assert "**not reproduced**: it holds" in page
+    assert "| 1\\|2 | 3 |" in page
+    assert (tmp_path / "reproductions" / "T10.png").read_bytes() == b"a picture"
+
+
+def test_resuming_runs_what_is_missing_changed_or_broke_off(tmp_path, capsys):
+    assert (
+        run([toy("T1"), toy_that_raises("T2", ZeroDivisionError("on purpose")), toy("T3")], QUICK, tmp_path)
+        == 1
+    )
+    assert list(read(tmp_path)) == ["T1", "T3"]
+    assert "ZeroDivisionError: on purpose" in capsys.readouterr().out
+
+    assert run([toy("T1"), toy("T2"), toy("T3")], QUICK, tmp_path, resume=True) == 0
+    assert "2 of 3 are recorded already" in capsys.readouterr().out
+    assert list(read(tmp_path)) == ["T1", "T2", "T3"]
+
+    run([toy("T1"), toy("T2")], Effort(samples=7), tmp_path, resume=True)
+    assert [entry["ours"] for entry in read(tmp_path).values()] == ["7 samples", "7 samples", "100 samples"]
+
+
+def test_a_stopped_run_keeps_what_was_finished(tmp_path):
+    stopping = toy_that_raises("T2", KeyboardInterrupt())
+    assert run([toy("T1"), stopping, toy("T3")], QUICK, tmp_path) == 130
+    assert list(read(tmp_path)) == ["T1"]
+
+
+def test_the_fingerprint_changes_with_the_effort_and_with_what_is_said():
+    one = toy("T1")
+    assert fingerprint(one, QUICK) == fingerprint(toy("T1"), QUICK)
+    assert len({fingerprint(one, QUICK), fingerprint(one, FULL), fingerprint(toy("T2"), QUICK)}) == 3
+
+
+def test_an_unknown_id_gets_one_line_that_names_the_nearest(capsys):
+    assert main(["run", "E200"]) == 2
+    assert capsys.readouterr().err == "there is no reproduction 'E200'; the nearest is E20\n"
+
+
+def test_ids_are_run_in_order_and_once():
+    assert [one.id for one in chosen(["E22", "E20", "E22"], REGISTERED)] == ["E20", "E22"]
+    assert [one.id for one in chosen(["all"], REGISTERED)] == sorted(REGISTERED, key=order)
+
+
+def test_two_processes_give_what_one_gives(tmp_path):
+    those = chosen(["E20", "E21"], REGISTERED)
+    run(those, QUICK, tmp_path / "one")
+    run(those, QUICK, tmp_path / "two", processes=2)
+    assert read(tmp_path / "one") == read(tmp_path / "two")
+
+
+def test_a_quick_run_writes_nothing(monkeypatch, tmp_path):
+    monkeypatch.setattr("reproductions.__main__.RESULTS", tmp_path)
+    assert main(["run", "E20", "--quick"]) == 0
+    assert not list(Path(tmp_path).iterdir())
+
+
+def test_the_list_says_what_is_on_record(capsys, tmp_path):
+    merge([entry_of(REGISTERED["E20"], QUICK, None)], tmp_path)
+    main(["list", "--output", str(tmp_path)])
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["E20"].endswith(": reproduced (by other settings or an older module)")
+    assert lines["E21"].endswith(": not run yet")
