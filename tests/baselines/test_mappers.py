@@ -13,6 +13,7 @@ from thruster_baselines.mapping import (
     CrudeMapper,
     LPMapper,
     MinimumNormShiftMapper,
+    MinimumPulseMapper,
     NonNegativeLeastSquaresMapper,
     NullSpaceMapper,
     PseudoInverseMapper,
@@ -39,6 +40,7 @@ MAPPERS = [
     partial(RobustEffectivenessMapper, relative=0.1, largest_miss=True),
     partial(ConicRobustMapper, spread=0.1),
     partial(ChanceConstrainedMapper, standard_deviation=0.1),
+    partial(MinimumPulseMapper, minimum_pulse=0.1),
 ]
 ORION = load("orion")
 DIAGONAL = np.array(

@@ -6,6 +6,7 @@ programs do without a linear program.
 
 from thruster_baselines.mapping.additive import AdditiveCompensationMapper
 from thruster_baselines.mapping.attitude_uncertainty import AttitudeUncertainty
+from thruster_baselines.mapping.carrying import CarryingMapper
 from thruster_baselines.mapping.chance_constrained import ChanceConstrainedMapper
 from thruster_baselines.mapping.compensation import CompensatedAllocation
 from thruster_baselines.mapping.coupling import (
@@ -19,6 +20,7 @@ from thruster_baselines.mapping.exact import ExactCompensationMapper
 from thruster_baselines.mapping.lp import LPMapper
 from thruster_baselines.mapping.milp import MILPMapper
 from thruster_baselines.mapping.minimum_norm import MinimumNormShiftMapper
+from thruster_baselines.mapping.minimum_pulse import MinimumPulseMapper, PulsedAllocation, minimum_pulses
 from thruster_baselines.mapping.non_negative import NonNegativeLeastSquaresMapper
 from thruster_baselines.mapping.null_space import NullSpaceMapper
 from thruster_baselines.mapping.pseudo_inverse import PseudoInverseMapper
@@ -27,12 +29,15 @@ from thruster_baselines.mapping.redistributed import RedistributedPseudoInverseM
 from thruster_baselines.mapping.robust_command import RobustCommandMapper
 from thruster_baselines.mapping.robust_conic import ConicRobustMapper
 from thruster_baselines.mapping.robust_effectiveness import RobustEffectivenessMapper
+from thruster_baselines.mapping.schmitt import SchmittTriggerMapper
 from thruster_baselines.mapping.sequence import LPSequence
+from thruster_baselines.mapping.truncating import TruncatingMapper
 from thruster_baselines.mapping.uncertainty import RobustAllocation
 
 __all__ = [
     "AdditiveCompensationMapper",
     "AttitudeUncertainty",
+    "CarryingMapper",
     "ChanceConstrainedMapper",
     "CompensatedAllocation",
     "ConicRobustMapper",
@@ -43,15 +48,20 @@ __all__ = [
     "LPSequence",
     "MILPMapper",
     "MinimumNormShiftMapper",
+    "MinimumPulseMapper",
     "NonNegativeLeastSquaresMapper",
     "NullSpaceMapper",
     "PseudoInverseMapper",
+    "PulsedAllocation",
     "QuadraticMapper",
     "RedistributedPseudoInverseMapper",
     "RobustAllocation",
     "RobustCommandMapper",
     "RobustEffectivenessMapper",
+    "SchmittTriggerMapper",
+    "TruncatingMapper",
     "commanded_on_times",
     "delivered_on_times",
     "delivered_rate_change",
+    "minimum_pulses",
 ]

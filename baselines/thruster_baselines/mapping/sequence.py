@@ -203,7 +203,7 @@ def follow_range(
                 if repair(w, m, n, demand, slack_cost, TIE * magnitude, told):
                     leave_fewer_open(w, m, n, TIE * magnitude, told)
                     total = read(w, magnitude, demand, a, b, c, slack_cost, OPTIMAL, answer, rest)
-                    bound = _lower_bound(w, demand, a, b, c, slack_cost)
+                    bound = lower_bound(w, demand, a, b, c, slack_cost)
                     if total - bound <= _GAP * total + _ROUND_OFF * magnitude:  # False for what is not finite
                         cost[step, world] = total
                         ages[world] += 1
@@ -215,7 +215,7 @@ def follow_range(
 
 
 @njit(forceinline=True, error_model="numpy")
-def _lower_bound(
+def lower_bound(
     w: FloatArray,
     command: FloatArray,
     effectiveness: FloatArray,
