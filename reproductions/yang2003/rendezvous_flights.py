@@ -1,0 +1,110 @@
+"""Flights of `OrionRendezvous-v0` with any mapper in the loop, flown to be judged.
+
+The rendezvous controller commands rate changes, a mapper allocates them through `VectorMapperAction`, and the
+environment flies them with scatter, sensor noise and the coupling loss of the feed. Where a flight ended is
+taken from the true state, not from measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import thruster_envs  # noqa: F401 - registers the environments
+from thruster_baselines.control import RendezvousCommandPolicy, RendezvousController, RendezvousSettings
+from thruster_envs.physics import layout as at
+from thruster_envs.protocols import FloatArray, Mapper
+from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.views import VectorMapperAction
+
+__all__ = ["Flights", "Make", "fly"]
+
+Make = Callable[[Spacecraft], Mapper]
+"""Makes the mapper of a spacecraft."""
+
+_TOGETHER = 25  # flights side by side in one vector environment
+
+
+@dataclass(frozen=True)
+class Flights:
+    """How flights ended, one entry for each.
+
+    Attributes:
+        success: Whether the craft was in the terminal box when the time was up.
+        lost: Whether it went out of bounds on the way.
+        miss: Distance from the target at the end, or where it was lost, m.
+        speed: There, m/s.
+        firing_time: Thruster-seconds of open valve.
+        commanded: Sum of the absolute translational rate changes that the controller asked for, m/s.
+        plans: How often the controller planned.
+    """
+
+    success: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+    miss: FloatArray
+    speed: FloatArray
+    firing_time: FloatArray
+    commanded: FloatArray
+    plans: NDArray[np.int64]
+
+
+def fly(
+    spacecraft: Spacecraft, make: Make, seeds: Sequence[int], settings: RendezvousSettings | None = None
+) -> Flights:
+    """Fly one episode of `OrionRendezvous-v0` for each seed, healthy, with a controller for each.
+
+    Args:
+        spacecraft: That flies, and that the controller believes in.
+        make: Its mapper.
+        seeds: Of the episodes.
+        settings: Of the controller.
+    """
+    parts = [
+        _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings)
+        for first in range(0, len(seeds), _TOGETHER)
+    ]
+    return Flights(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Flights)))
+
+
+def _fly_together(
+    spacecraft: Spacecraft, mapper: Mapper, seeds: Sequence[int], settings: RendezvousSettings | None
+) -> Flights:
+    env = gym.make_vec(
+        "thruster_envs/OrionRendezvous-v0", num_envs=len(seeds), threads=1, spacecraft=spacecraft
+    )
+    worlds: Any = env.unwrapped.worlds  # type: ignore[attr-defined]  # the true state, which info leaves out
+    steps = worlds.task.steps
+    env = VectorMapperAction(env, mapper)
+    policies = [
+        RendezvousCommandPolicy(RendezvousController(spacecraft, steps, settings=settings)) for _ in seeds
+    ]
+    over, success, lost = np.zeros((3, len(seeds)), np.bool_)
+    firing_time, commanded = np.zeros((2, len(seeds)))
+    end = np.zeros((len(seeds), 6))
+    observations, _ = env.reset(seed=list(seeds))
+    for step in range(1, steps + 1):
+        actions = np.zeros((len(seeds), 6), np.float32)
+        for world in np.flatnonzero(~over):
+            actions[world] = policies[world](observations[world])
+        commanded += np.abs(actions[:, :3] * spacecraft.authority()[:3]).sum(axis=1)
+        observations, _, terminated, _, info = env.step(actions)
+        ends = terminated & ~over
+        if ends.any():
+            end[ends] = worlds.state.fleet.read(at.POSITION, 6)[ends, 0]
+            firing_time[ends], success[ends], lost[ends] = (
+                info["fuel"][ends],
+                info["success"][ends],
+                step < steps,
+            )
+            over |= ends
+        if over.all():
+            break
+    env.close()
+    miss, speed = np.linalg.norm(end[:, :3], axis=1), np.linalg.norm(end[:, 3:], axis=1)
+    plans = np.array([policy.controller.plans for policy in policies], np.int64)
+    return Flights(success, lost, miss, speed, firing_time, commanded, plans)
