@@ -283,6 +283,8 @@ def one_by_one(
 
 def leading_axes(command: FloatArray, model: Model) -> tuple[int, ...]:
     """The batch axes of a call."""
+    if model.effectiveness.ndim == 2 and model.max_on_time.ndim == 1:
+        return command.shape[:-1]
     return np.broadcast_shapes(
         command.shape[:-1], model.effectiveness.shape[:-2], model.max_on_time.shape[:-1]
     )

@@ -43,7 +43,7 @@ from thruster_envs.protocols import FloatArray, IntArray
 __all__ = ["DifferentialCompensationMapper"]
 
 _PATIENCE = 3  # rounds without coming nearer
-_NEARER = 1.0 - 1e-6  # of the best miss so far
+_NEARER = 0.95  # of the best miss so far; a round that converges leaves half of it or less
 _RUNAWAY = 1e6  # commands this many times the first are not worth mapping
 
 

@@ -445,7 +445,10 @@ def in_threads(work: Callable[[int, int], object], batch: int, threads: int | No
     """
     if threads is None:
         threads = min(_processors(), 2 * batch // PARALLEL_FROM) if batch >= PARALLEL_FROM else 1
-    edges = np.linspace(0, batch, max(threads, 1) + 1).astype(int).tolist()
+    if threads <= 1:
+        work(0, batch)
+        return
+    edges = np.linspace(0, batch, threads + 1).astype(int).tolist()
     others = [
         threading.Thread(target=work, args=(first, last)) for first, last in itertools.pairwise(edges[1:])
     ]
