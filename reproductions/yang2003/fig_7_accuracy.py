@@ -81,21 +81,27 @@ def accuracy(effort: Effort) -> Finding:
 
 def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
     figure, axes = panels(3, height=3.6)
+    floor = 1e-5
     for axis, condition in zip(axes, CONDITIONS, strict=True):
         means = [float(trials[method, condition].error.mean()) for method in METHODS]
         places = np.arange(len(METHODS))
-        axis.bar(places, np.maximum(means, 1e-6), color=[COLOURS[m] for m in METHODS], width=0.7)
+        axis.bar(places, np.maximum(means, floor), color=[COLOURS[m] for m in METHODS], width=0.7)
         for place, value in zip(places, means, strict=True):
-            label = f"{value:.1%}" if value > 0.005 else f"{value:.2%}" if value > 1e-5 else "0"
-            axis.annotate(label, (place, max(value, 1e-6)), ha="center", xytext=(0, 3),
-                          textcoords="offset points", fontsize=9)  # fmt: skip
+            digits = 0 if value > 0.095 else 1 if value > 0.0095 else 2
+            label = f"{value:.{digits}%}" if value > floor else "≈ 0"
+            axis.annotate(
+                label, (place, max(value, floor)), ha="center", xytext=(0, 3), textcoords="offset points",
+                fontsize=8.5,
+            )  # fmt: skip
         axis.set_yscale("log")
-        axis.set_ylim(1e-5, 1.0)
-        axis.set_xticks(places, ["none", "I", "II", "exact", "integer\nprogram"])
+        axis.set_ylim(floor, 1.0)
+        axis.set_xticks(places, ["none", "I", "II", "exact", "MILP"])
         axis.set_title(f"{condition} commanded", loc="left")
         axis.grid(axis="x", visible=False)
     axes[0].set_ylabel("mean miss over command")
-    figure.suptitle("Methods I and II make up for the loss; the integer program does not", x=0.01, ha="left")
+    figure.suptitle(
+        "Methods I and II make up for the loss; the integer program (MILP) does not", x=0.01, ha="left"
+    )
     save(figure, path)
 
 

@@ -13,7 +13,7 @@ from reproductions.yang2003.coupling_study import CONDITIONS, METHODS, commands
 
 TIMED = ("method I", "method II", "exact")
 _BATCH = 2000
-_REPETITIONS = 15
+_REPETITIONS = 101
 
 
 def relative_times(condition: str, repetitions: int) -> dict[str, np.ndarray]:
