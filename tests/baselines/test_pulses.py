@@ -19,6 +19,7 @@ from thruster_baselines.mapping import (
     minimum_pulses,
 )
 from thruster_baselines.mapping.minimum_pulse import UNPROVEN
+from thruster_baselines.mapping.model import LostDirectionsWarning
 from thruster_envs.protocols import MapperWithMemory
 from thruster_envs.spacecraft import load
 
@@ -400,9 +401,15 @@ def test_a_bounded_remainder_does_not_wind_up_on_an_axis_that_is_lost():
     assert bounded.remainder[0] == pytest.approx(half, rel=1e-12)
     bounded(-command, effectiveness=dead)  # it leaves the bound at once
     assert bounded.remainder[0] == pytest.approx(half - 0.01, rel=1e-9)
-    # an axis on which nothing acts carries nothing, even where on-times have no bound
-    flat = CarryingMapper(LPMapper([[1.0, -1.0]], max_on_time=np.inf), limit=[1.0])
-    assert flat.largest_remainder == [np.inf]
+
+
+def test_a_bound_in_shares_of_authority_is_none_where_on_times_have_none_and_zero_where_nothing_acts():
+    with pytest.warns(LostDirectionsWarning):
+        inner = LPMapper([[1.0, -2.0], [0.0, 0.0]], max_on_time=np.inf)
+    assert CarryingMapper(inner, limit=0.5).largest_remainder.tolist() == [np.inf, 0.0]
+    assert CarryingMapper(inner, limit=0.0).largest_remainder.tolist() == [0.0, 0.0]
+    bounded = CarryingMapper(LPMapper([[1.0, -2.0]], max_on_time=0.3), limit=0.5)
+    assert bounded.largest_remainder.tolist() == pytest.approx([0.3])  # 2.0 for 0.3 s, half of it
 
 
 def test_a_schmitt_trigger_opens_at_one_threshold_and_closes_at_another():

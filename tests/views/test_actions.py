@@ -1,18 +1,60 @@
 """A mapper between policy and thrusters: the same in the single environment and in the batch."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from tests.views.cases import FAULTS
-from thruster_baselines.mapping import LPMapper, PseudoInverseMapper
+from thruster_baselines.mapping import (
+    CarryingMapper,
+    LPMapper,
+    MinimumPulseMapper,
+    PseudoInverseMapper,
+    SchmittTriggerMapper,
+    TruncatingMapper,
+    minimum_pulses,
+)
 from thruster_envs.spacecraft import load
 from thruster_envs.testing import check_vector_env
 from thruster_envs.views import BeliefAction, MapperAction, SB3VecEnv, VectorBeliefAction, VectorMapperAction
 
 MAPPING = "thruster_envs/ThrusterMapping-v0"
+RENDEZVOUS = "thruster_envs/OrionRendezvous-v0"
+SPHERES = load("spheres")
+
+
+def carrying(worlds=None):
+    return CarryingMapper(TruncatingMapper(LPMapper(SPHERES), minimum_pulses(SPHERES)), worlds)
+
+
+def pulsing(worlds=None):
+    return CarryingMapper(MinimumPulseMapper(SPHERES, slack_cost=60.0), worlds, limit=0.5)
+
+
+def triggered(worlds=None):
+    return SchmittTriggerMapper(LPMapper(SPHERES), minimum_pulses(SPHERES), open_at=0.02, worlds=worlds)
+
+
+REMEMBERING = [carrying, pulsing, triggered]
+
+
+def small_shares(*shape, seed=0):
+    """Actions that ask most thrusters of SPHERES for less than a pulse."""
+    return np.random.default_rng(seed).uniform(-0.003, 0.005, (*shape, 6)).astype(np.float32)
+
+
+def remembering(mapper, **kwargs):
+    return MapperAction(gym.make(RENDEZVOUS, spacecraft="spheres", **kwargs), mapper)
+
+
+def remembering_batch(mapper, num_envs, **kwargs):
+    beneath = gym.make_vec(RENDEZVOUS, num_envs=num_envs, spacecraft="spheres", **kwargs)
+    return VectorMapperAction(beneath, mapper)
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +174,175 @@ def test_wrappers_refuse_what_they_cannot_do(mapper):
     with pytest.raises(TypeError, match="no thrusters"):
         MapperAction(gym.make("CartPole-v1"), mapper)
     with pytest.raises(ValueError, match=r"\(6, 11\)"):
-        BeliefAction(gym.make(MAPPING), PseudoInverseMapper(np.ones((6, 11)), 5.0))
+        BeliefAction(gym.make(MAPPING), PseudoInverseMapper(np.eye(6, 11), 5.0))
     env = believing(mapper)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="nan"):
         env.step(np.full(12, np.nan))
     with pytest.raises(ValueError, match=r"shape \(6,\)"):
         env.step(np.zeros(6))
+
+
+# Mappers with a memory
+
+
+@pytest.mark.parametrize("build", REMEMBERING)
+def test_with_a_memory_too_the_vector_form_is_the_single_form(build):
+    def vector(num_envs, autoreset_mode):
+        return remembering_batch(
+            build(num_envs), num_envs, faults=FAULTS, max_episode_steps=9, autoreset_mode=autoreset_mode
+        )
+
+    def single():
+        return remembering(build(), faults=FAULTS, max_episode_steps=9)
+
+    assert not check_vector_env(vector, single, steps=40).failures
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_exactly_the_worlds_that_begin_an_episode_owe_nothing(mode):
+    worlds, steps, length = 4, 40, 9
+    env = remembering_batch(carrying(worlds), worlds, max_episode_steps=length, autoreset_mode=mode)
+    alone = [carrying() for _ in range(worlds)]
+    shares = small_shares(steps, worlds)
+    commands = shares.astype(np.float64) * SPHERES.authority()
+    _, infos = env.reset(seed=0)
+    assert (infos["remainder"] == 0.0).all()
+    assert infos["_remainder"].all()
+    over, ended = np.zeros(worlds, np.bool_), 0
+    for step in range(steps):
+        if mode == AutoresetMode.DISABLED and over.any():
+            begin = over
+        elif step in (2, 5):  # so that the worlds' episodes do not end together
+            begin = np.arange(worlds) == step // 2
+        else:
+            begin = np.zeros(worlds, np.bool_)
+        if begin.any():
+            _, infos = env.reset(options={"reset_mask": begin.copy()})
+            for world in np.flatnonzero(begin):
+                alone[world].forget()
+            over = over & ~begin
+            assert (infos["remainder"] == np.stack([one.remainder for one in alone])).all()
+        _, _, terminated, truncated, infos = env.step(shares[step])
+        done = terminated | truncated
+        ended += done.sum()
+        for world in range(worlds):
+            if mode == AutoresetMode.NEXT_STEP and over[world]:
+                alone[world].forget()  # its action does not count
+            else:
+                alone[world](commands[step, world])
+        owed = np.stack([one.remainder for one in alone])
+        if mode == AutoresetMode.SAME_STEP and done.any():
+            final = infos["final_info"]
+            assert (final["_remainder"] == done).all()
+            assert (final["remainder"] == np.where(done[:, np.newaxis], owed, 0.0)).all()
+            assert (final["remainder"][done] != 0.0).any(axis=1).all()
+            owed[done] = 0.0
+            for world in np.flatnonzero(done):
+                alone[world].forget()
+        assert (infos["remainder"] == owed).all()
+        assert infos["_remainder"].all()
+        over = done
+    assert ended > 2 * worlds
+
+
+@pytest.mark.parametrize("build", REMEMBERING)
+def test_the_remainder_is_what_was_commanded_minus_what_the_duties_give(build):
+    env = remembering(build(), faults=FAULTS)
+    owed = []
+    for seed in range(2):
+        _, info = env.reset(seed=seed)
+        assert (info["remainder"] == 0.0).all()
+        commanded, delivered = np.zeros(6), np.zeros(6)
+        for share in small_shares(60, seed=seed):
+            observation, *_, info = env.step(share)
+            commanded += share.astype(np.float64) * SPHERES.authority()
+            on_times = observation[13:25].astype(np.float64) * SPHERES.control_period
+            delivered += SPHERES.effectiveness() @ on_times  # what the mapper believes, whatever has failed
+            unit = SPHERES.authority() / SPHERES.control_period
+            np.testing.assert_allclose((info["remainder"] - commanded + delivered) / unit, 0.0, atol=1e-6)
+            owed.append(info["remainder"])
+        assert delivered.any()
+    assert len(np.unique(owed, axis=0)) > 100  # and no later step writes into an info
+
+
+def test_a_pulse_that_is_just_long_enough_opens_its_valve():
+    # Shortest pulses that come back from the action space too short by round-off, and so on the safe side.
+    period, candidates = SPHERES.control_period, np.linspace(0.0031, 0.0497, 4001)
+    back = (0.5 * (2.0 * (candidates / period) - 1.0) + 0.5) * period
+    minimum = candidates[back < candidates][:: (back < candidates).sum() // 12][:12]
+    assert minimum.size == 12
+    craft = SPHERES.replace(
+        thrusters=tuple(
+            replace(thruster, minimum_pulse=float(pulse))
+            for thruster, pulse in zip(SPHERES.thrusters, minimum, strict=True)
+        )
+    )
+    mapper = MinimumPulseMapper(craft)
+    env = MapperAction(gym.make(RENDEZVOUS, spacecraft=craft), mapper)
+    env.reset(seed=0)
+    expected, just_long_enough = 0.0, 0
+    for share in small_shares(100):
+        on_times = mapper(share.astype(np.float64) * craft.authority()).on_times
+        just_long_enough += (on_times == minimum).sum()
+        expected += on_times.sum()
+        *_, info = env.step(share)
+        assert info["fuel"] == pytest.approx(expected, rel=1e-9)
+    assert just_long_enough > 100
+
+
+@pytest.mark.parametrize("build", REMEMBERING)
+def test_a_saved_state_has_the_memory_of_the_mapper(build):
+    env = remembering_batch(build(3), 3, faults=FAULTS, max_episode_steps=9)
+    shares = small_shares(30, 3)
+
+    def fly(first, last):
+        steps = [env.step(share) for share in shares[first:last]]
+        return [step[0] for step in steps], [step[4]["remainder"] for step in steps]
+
+    env.reset(seed=0)
+    fly(0, 5)
+    saved = env.save_state()
+    first = fly(5, 30)
+    env.restore_state(saved)
+    again = fly(5, 30)
+    for one, other in zip(first[0] + first[1], again[0] + again[1], strict=True):
+        assert np.array_equal(one, other)
+    assert all(array.flags.owndata for array in saved.values())
+
+
+def test_a_mapper_without_a_memory_is_saved_too_and_tells_nothing(mapper):
+    env = VectorMapperAction(gym.make_vec(RENDEZVOUS, num_envs=2, faults=FAULTS), mapper)
+    _, infos = env.reset(seed=0)
+    assert "remainder" not in infos
+    saved = env.save_state()
+    shares = np.random.default_rng(0).uniform(-0.3, 0.3, (5, 2, 6))
+    first = [env.step(share)[0] for share in shares]
+    env.restore_state(saved)
+    assert all(np.array_equal(env.step(share)[0], one) for share, one in zip(shares, first, strict=True))
+    _, info = MapperAction(gym.make(RENDEZVOUS), mapper).reset(seed=0)
+    assert "remainder" not in info
+
+
+def test_a_batch_with_a_memory_goes_into_stable_baselines():
+    env = SB3VecEnv(remembering_batch(carrying(3), 3, max_episode_steps=5))
+    env.seed(0)
+    env.reset()
+    for step, share in enumerate(small_shares(10, 3)):
+        _, _, dones, _ = env.step(share)
+        assert dones.all() == (step % 5 == 4)
+        assert (env.latest_info()["remainder"] != 0.0).any() != dones.all()
+
+
+def test_a_memory_for_other_worlds_is_refused(mapper):
+    with pytest.raises(ValueError, match=r"remainder has the shape \(6,\); \(3, 6\) would be right"):
+        remembering_batch(carrying(), 3)
+    with pytest.raises(ValueError, match=r"remainder has the shape \(3, 6\); \(6,\) or \(1, 6\) would be"):
+        remembering(carrying(3))
+    with pytest.raises(ValueError, match="every command here stands for itself"):
+        believing(CarryingMapper(mapper))
+    one = remembering(carrying(1))
+    one.reset(seed=0)
+    *_, info = one.step(small_shares())
+    assert info["remainder"].shape == (6,)
+    assert info["remainder"].any()

@@ -92,6 +92,6 @@ def _largest_remainder(model: Model, limit: ArrayLike | None) -> FloatArray:
         longest = np.where(acting, model.max_on_time, 0.0)
         reach = model.effectiveness * longest
         authority = np.maximum(np.maximum(reach, 0.0).sum(axis=1), np.maximum(-reach, 0.0).sum(axis=1))
-        bounds = np.where(shares > 0.0, shares, 0.0) * np.where(shares > 0.0, authority, 0.0)
+        bounds = np.multiply(shares, authority, out=np.zeros(m), where=shares > 0.0)
     bounds.setflags(write=False)
     return bounds

@@ -5,6 +5,10 @@
 thruster to be; the mapper then allocates the task's own command with that belief, so that the policy learns
 to diagnose. Neither sees the truth. Each has a form for the single environment and one for the batch, which
 do the same arithmetic.
+
+A mapper may remember what it still owes from earlier commands
+(:class:`~thruster_envs.protocols.MapperWithMemory`). ``MapperAction`` shows that in ``info["remainder"]``,
+and makes the mapper forget it where an episode begins.
 """
 
 from __future__ import annotations
@@ -19,12 +23,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from thruster_envs.protocols import Mapper
+from thruster_envs.protocols import Mapper, MapperWithMemory
 from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.single import TaskEnv
 from thruster_envs.views.vector import TaskVectorEnv
 
 Array = NDArray[np.float64]
+
+_ROUND_OFF = 4.0 * np.finfo(np.float64).eps
+"""More than what the way from an on-time to an action and back can take from a duty."""
+
+_MEMORY = "mapper/"
+"""What the names of a mapper's memory begin with in a saved state."""
 
 
 class _Allocation:
@@ -45,16 +55,32 @@ class _Allocation:
                 f"the mapper is for a vehicle of shape {np.shape(mapper.effectiveness)}; "
                 f"{(6, self.thrusters)} would be right"
             )
+        self.memory = mapper if isinstance(mapper, MapperWithMemory) else None
+        thrusters = self.task.vehicle.thrusters
+        self.minimum_pulse = np.array([thruster.minimum_pulse for thruster in thrusters])
 
     def duties(self, on_times: Array) -> Array:
-        """Actions of the environment beneath, -1..1, from on-times."""
-        duties = np.clip(on_times / self.task.vehicle.control_period, 0.0, 1.0)
-        return np.asarray(2.0 * duties - 1.0)
+        """Actions of the environment beneath, -1..1, from on-times.
+
+        A pulse that is just long enough stays so: no valve stays shut for the round-off of the way there.
+        """
+        period = self.task.vehicle.control_period
+        actions = 2.0 * np.clip(on_times / period, 0.0, 1.0) - 1.0
+        lost = (on_times >= self.minimum_pulse) & ((0.5 * actions + 0.5) * period < self.minimum_pulse)
+        return np.asarray(np.where(lost, actions + _ROUND_OFF, actions))
 
     def from_rate_change(self, actions: Array) -> Array:
         """(worlds, 6) shares of the authority per axis to actions beneath."""
         command = np.clip(actions, -1.0, 1.0) * self.authority
-        return self.duties(np.asarray(self.mapper(command).on_times))
+        if self.memory is not None:
+            command = command.reshape(self.memory.remainder.shape)
+        on_times = np.asarray(self.mapper(command).on_times)
+        return self.duties(on_times.reshape(-1, self.thrusters))
+
+    def remainder(self) -> Array:
+        """(worlds, 6) what the mapper carries over, m/s then rad/s; a copy."""
+        assert self.memory is not None  # whoever asks has looked
+        return np.array(self.memory.remainder, dtype=np.float64).reshape(-1, 6)
 
     def from_health(self, health: Array) -> Array:
         """(worlds, n) believed health 0..1 to actions beneath."""
@@ -70,6 +96,22 @@ def _has_command(allocation: _Allocation) -> None:
             f"{type(allocation.task).__name__} commands no rate change, so a belief alone says nothing; "
             "MapperAction, or ThrusterMapping-v0, would be right"
         )
+    if allocation.memory is not None:
+        raise ValueError(
+            f"the mapper is a {type(allocation.mapper).__name__}, which carries over to the next command, "
+            "while every command here stands for itself; a mapper without a memory would be right"
+        )
+
+
+def _serves(allocation: _Allocation, *shapes: tuple[int, ...]) -> None:
+    """Raise ValueError if the mapper remembers other worlds than there are."""
+    if allocation.memory is None:
+        return
+    shape = np.shape(allocation.memory.remainder)
+    if shape not in shapes:
+        raise ValueError(
+            f"the mapper's remainder has the shape {shape}; {' or '.join(map(str, shapes))} would be right"
+        )
 
 
 class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
@@ -77,35 +119,103 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
 
     Box [-1, 1] (6,), in shares of the vehicle's authority per axis.
 
+    A mapper with a memory begins every episode without owing anything; ``info["remainder"]`` (6,), m/s then
+    rad/s, is what it carries over to the next action.
+
     Args:
         env: Any single environment of this suite.
-        mapper: For the same vehicle.
+        mapper: For the same vehicle; one with a memory has to serve one craft.
     """
 
     def __init__(self, env: gym.Env[Any, Any], mapper: Mapper) -> None:
         RecordConstructorArgs.__init__(self, mapper=mapper)
         gym.ActionWrapper.__init__(self, env)
         self._allocation = _Allocation(env, mapper)
+        _serves(self._allocation, (6,), (1, 6))
         self.action_space = spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, owing nothing."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if self._allocation.memory is not None:
+            self._allocation.memory.forget()
+        return observation, self._told(info)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Allocate the rate change, and fire."""
+        observation, reward, terminated, truncated, info = self.env.step(self.action(action))
+        return observation, reward, terminated, truncated, self._told(info)
 
     def action(self, action: Any) -> Array:
         """Duties in [-1, 1]."""
         duties: Array = self._allocation.from_rate_change(_finite(action, 6)[np.newaxis])[0]
         return duties
 
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        if self._allocation.memory is not None:
+            info["remainder"] = self._allocation.remainder()[0]
+        return info
+
 
 class VectorMapperAction(VectorWrapper):
-    """:class:`MapperAction` for a native vector environment."""
+    """:class:`MapperAction` for a native vector environment, in any autoreset mode.
+
+    Args:
+        env: A vector environment of this suite.
+        mapper: For the same vehicle; one with a memory has to serve as many worlds as there are.
+    """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], mapper: Mapper) -> None:
         super().__init__(env)
         self._allocation = _Allocation(env, mapper)
+        _serves(self._allocation, (env.num_envs, 6))
         self.single_action_space = spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes; the worlds that begin owe nothing."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        if self._allocation.memory is not None:
+            self._allocation.memory.forget((options or {}).get("reset_mask"))
+            self._tell(infos, np.ones(self.num_envs, np.bool_))
+        return observations, infos
+
     def step(self, actions: Any) -> Any:
         """One step of all worlds."""
-        return self.env.step(self._allocation.from_rate_change(_finite(actions, self.env.num_envs, 6)))
+        base: Any = self.env.unwrapped
+        begins = base.pending_resets
+        duties = self._allocation.from_rate_change(_finite(actions, self.env.num_envs, 6))
+        observations, rewards, terminated, truncated, infos = self.env.step(duties)
+        if self._allocation.memory is not None:
+            if base.autoreset_mode == AutoresetMode.SAME_STEP:
+                begins = terminated | truncated
+            if "final_info" in infos:
+                self._tell(infos["final_info"], begins)
+            self._allocation.memory.forget(begins)
+            self._tell(infos, np.ones(self.num_envs, np.bool_))
+        return observations, rewards, terminated, truncated, infos
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later steps depend on, the mapper's memory among it, as copies by name."""
+        memory = self._allocation.memory
+        remembered = {} if memory is None else memory.save_state()
+        return _batch(self).save_state() | {f"{_MEMORY}{name}": copy for name, copy in remembered.items()}
+
+    def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
+        if self._allocation.memory is not None:
+            remembered = {
+                name.removeprefix(_MEMORY): array for name, array in saved.items() if name.startswith(_MEMORY)
+            }
+            self._allocation.memory.restore_state(remembered)
+        _batch(self).restore_state(saved)
+
+    def _tell(self, infos: dict[str, Any], mask: NDArray[np.bool_]) -> None:
+        """Put the remainder into infos, with its mask beside it."""
+        infos["remainder"] = np.where(mask[:, np.newaxis], self._allocation.remainder(), 0.0)
+        infos["_remainder"] = mask.copy()
 
 
 class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -118,7 +228,7 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: A single environment whose task commands a rate change: ``ThrusterMapping-v0``.
-        mapper: For the same vehicle.
+        mapper: For the same vehicle; without a memory, since every command stands for itself.
         observe_belief: Whether the last belief is added to the observation.
     """
 
@@ -194,17 +304,12 @@ class VectorBeliefAction(VectorWrapper):
 
     def save_state(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, the last beliefs among it, as copies by name."""
-        return self._batch().save_state() | {"belief": self._belief.copy()}
+        return _batch(self).save_state() | {"belief": self._belief.copy()}
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
-        self._batch().restore_state(saved)
+        _batch(self).restore_state(saved)
         self._belief = saved["belief"].copy()
-
-    def _batch(self) -> TaskVectorEnv:
-        base = self.env.unwrapped
-        assert isinstance(base, TaskVectorEnv)  # the constructor takes no other
-        return base
 
     def _seen(self, observations: Any) -> Any:
         return (
@@ -212,6 +317,12 @@ class VectorBeliefAction(VectorWrapper):
             if self._observe
             else observations
         )
+
+
+def _batch(wrapper: VectorWrapper) -> TaskVectorEnv:
+    base = wrapper.env.unwrapped
+    assert isinstance(base, TaskVectorEnv)  # the constructor takes no other
+    return base
 
 
 def _health(actions: Array) -> Array:
