@@ -22,7 +22,11 @@ from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import VectorMapperAction
 
-__all__ = ["Flights", "Make", "fly"]
+__all__ = ["ENVIRONMENT", "POSITION_TOLERANCE", "Flights", "Make", "fly"]
+
+ENVIRONMENT = "thruster_envs/OrionRendezvous-v0"
+POSITION_TOLERANCE: float = gym.make(ENVIRONMENT).unwrapped.task.position_tolerance  # type: ignore[attr-defined]
+"""Of the terminal box, m."""
 
 Make = Callable[[Spacecraft], Mapper]
 """Makes the mapper of a spacecraft."""
@@ -54,7 +58,11 @@ class Flights:
 
 
 def fly(
-    spacecraft: Spacecraft, make: Make, seeds: Sequence[int], settings: RendezvousSettings | None = None
+    spacecraft: Spacecraft,
+    make: Make,
+    seeds: Sequence[int],
+    settings: RendezvousSettings | None = None,
+    orbits: float = 0.5,
 ) -> Flights:
     """Fly one episode of `OrionRendezvous-v0` for each seed, healthy, with a controller for each.
 
@@ -63,20 +71,23 @@ def fly(
         make: Its mapper.
         seeds: Of the episodes.
         settings: Of the controller.
+        orbits: Time for the rendezvous.
     """
     parts = [
-        _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings)
+        _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings, orbits)
         for first in range(0, len(seeds), _TOGETHER)
     ]
     return Flights(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Flights)))
 
 
 def _fly_together(
-    spacecraft: Spacecraft, mapper: Mapper, seeds: Sequence[int], settings: RendezvousSettings | None
+    spacecraft: Spacecraft,
+    mapper: Mapper,
+    seeds: Sequence[int],
+    settings: RendezvousSettings | None,
+    orbits: float,
 ) -> Flights:
-    env = gym.make_vec(
-        "thruster_envs/OrionRendezvous-v0", num_envs=len(seeds), threads=1, spacecraft=spacecraft
-    )
+    env = gym.make_vec(ENVIRONMENT, num_envs=len(seeds), threads=1, spacecraft=spacecraft, orbits=orbits)
     worlds: Any = env.unwrapped.worlds  # type: ignore[attr-defined]  # the true state, which info leaves out
     steps = worlds.task.steps
     env = VectorMapperAction(env, mapper)

@@ -71,8 +71,8 @@ def no_compensation(effort: Effort) -> Finding:
         note=(
             "The source draws the flight and gives no figure. Ours counts the loss by overlap, as the source "
             f"does elsewhere. In {uneven} of the {STEPS} periods thrusters are open for different times; if "
-            "all that are used lose to each other there for as long as they are open themselves (the count of "
-            f"the source's integer program), the miss is {coarse.miss:.0f} m."
+            "all that are used lose to each other there for as long as they are open themselves (as in the "
+            f"source's integer program), the miss is {coarse.miss:.0f} m."
         ),
         data={"by overlap": asdict(end), "as if together": asdict(coarse), "uneven periods": uneven},
         figure=_draw,
