@@ -129,7 +129,7 @@ class Reproduction:
         lines: Where it stands there; L numbers are lines of the text that this project worked from.
         reported: What the source says, in a line.
         criterion: What has to hold for it to count as reproduced.
-        run: Recomputes it.
+        run: Recomputes it; a function of a module, which another process can find.
         alone: It times something, and is run when nothing else runs.
     """
 

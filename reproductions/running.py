@@ -10,7 +10,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from reproductions.record import Effort, Reproduction
-from reproductions.registry import find_all, fingerprint
+from reproductions.registry import fingerprint
 from reproductions.results import Entry, entry_of, merge, read
 
 __all__ = ["is_current", "run"]
@@ -71,7 +71,7 @@ def _finished(
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(processes, context) as pool:
             futures: dict[Future[Entry | str], Reproduction] = {
-                pool.submit(_by_id, one.id, effort, folder): one for one in together
+                pool.submit(_entry_or_error, one, effort, folder): one for one in together
             }
             try:
                 for future in as_completed(futures):
@@ -83,10 +83,6 @@ def _finished(
         if one not in together:
             print(f"{one.id} {one.title} ...", flush=True)
             yield one, _entry_or_error(one, effort, folder)
-
-
-def _by_id(name: str, effort: Effort, folder: Path | None) -> Entry | str:
-    return _entry_or_error(find_all()[name], effort, folder)
 
 
 def _entry_or_error(one: Reproduction, effort: Effort, folder: Path | None) -> Entry | str:
