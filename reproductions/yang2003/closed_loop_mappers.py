@@ -143,7 +143,7 @@ ROWS = (
 
 def study(effort: Effort) -> Finding:
     """`closed-loop-mappers`."""
-    orbits = 0.5 if effort.flights >= FEW else 0.05
+    orbits = 0.5 if effort.flights >= FEW else 0.02
     flown = fly_all(effort.flights, orbits)
     seldom = fly_seldom_planned(max(1, int(PART * effort.flights)), orbits)
     open_loop = {

@@ -45,7 +45,6 @@ class Flights:
         speed: There, m/s.
         firing_time: Thruster-seconds of open valve.
         commanded: Sum of the absolute translational rate changes that the controller asked for, m/s.
-        plans: How often the controller planned.
     """
 
     success: NDArray[np.bool_]
@@ -54,7 +53,6 @@ class Flights:
     speed: FloatArray
     firing_time: FloatArray
     commanded: FloatArray
-    plans: NDArray[np.int64]
 
 
 def fly(
@@ -94,6 +92,7 @@ def _fly_together(
     policies = [
         RendezvousCommandPolicy(RendezvousController(spacecraft, steps, settings=settings)) for _ in seeds
     ]
+    authority = spacecraft.authority()[:3]
     over, success, lost = np.zeros((3, len(seeds)), np.bool_)
     firing_time, commanded = np.zeros((2, len(seeds)))
     end = np.zeros((len(seeds), 6))
@@ -102,7 +101,7 @@ def _fly_together(
         actions = np.zeros((len(seeds), 6), np.float32)
         for world in np.flatnonzero(~over):
             actions[world] = policies[world](observations[world])
-        commanded += np.abs(actions[:, :3] * spacecraft.authority()[:3]).sum(axis=1)
+        commanded += np.abs(actions[:, :3] * authority).sum(axis=1)
         observations, _, terminated, _, info = env.step(actions)
         ends = terminated & ~over
         if ends.any():
@@ -117,5 +116,4 @@ def _fly_together(
             break
     env.close()
     miss, speed = np.linalg.norm(end[:, :3], axis=1), np.linalg.norm(end[:, 3:], axis=1)
-    plans = np.array([policy.controller.plans for policy in policies], np.int64)
-    return Flights(success, lost, miss, speed, firing_time, commanded, plans)
+    return Flights(success, lost, miss, speed, firing_time, commanded)
