@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from thruster_baselines.estimation import EffectivenessFilter
+from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")
@@ -212,3 +212,40 @@ def test_a_thruster_can_be_known_anew(form):
 def test_what_cannot_be_is_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_what_is_known_is_compared_and_never_learned():
+    """No process noise and no first covariance: the full filter, at the cost of a subtraction."""
+    noise = 1e-5 * (np.eye(6) + 0.4)
+    known = EffectivenessFilter("orion", 0.0, noise)
+    full = EffectivenessFilter("orion", 0.0, noise, form="full")
+    assert known.form == "known"
+    for u, z in firings(10):
+        own, reference = known.update(u, z), full.update(u, z)
+        np.testing.assert_allclose(own.residual, reference.residual, rtol=1e-12)
+        np.testing.assert_allclose(own.covariance, reference.covariance, rtol=1e-12)
+    assert (known.effectiveness == NOMINAL).all()
+    assert (known.covariance == 0.0).all()
+
+
+def test_the_physical_noise_is_the_covariance_of_simulated_rate_changes():
+    noise = PhysicalNoise("orion")
+    rng = np.random.default_rng(5)
+    u = rng.uniform(0.0, 5.0, 12) * (np.arange(12) < 5)
+    count = 200_000
+    scattered = u * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, (count, 12)))
+    velocities = 0.5e-3 * rng.normal(size=(2, count, 6))
+    errors = (scattered - u) @ NOMINAL.T + velocities[1] - velocities[0]
+    expected = noise(u)
+    root = np.linalg.cholesky(expected)
+    white = np.linalg.solve(root, errors.T)
+    # entries of a sample covariance of near-normal numbers: standard deviation sqrt(2 / count) at most
+    np.testing.assert_allclose(np.cov(white), np.eye(6), rtol=0, atol=5.0 * np.sqrt(2.0 / count))
+
+
+def test_the_physical_noise_of_a_batch_is_that_of_its_rows():
+    noise = PhysicalNoise(ORION)
+    times = np.random.default_rng(6).uniform(0.0, 5.0, (2, 3, 12))
+    np.testing.assert_array_equal(noise(times)[1, 2], noise(times[1, 2]))
+    with pytest.raises(ValueError, match=r"on_times has the shape \(11,\)"):
+        noise(np.zeros(11))

@@ -1,5 +1,19 @@
 """Detection: which thruster fails to do what it was told, from what was measured."""
 
+from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
+from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
+from thruster_baselines.detection.glr import GLRDetector
 from thruster_baselines.detection.response import ResponseTest, threshold_for
 
-__all__ = ["ResponseTest", "threshold_for"]
+__all__ = [
+    "BaseDetector",
+    "EstimatorThreshold",
+    "GLRDetector",
+    "GenericChiSquared",
+    "Interval",
+    "ResponseTest",
+    "SetChiSquared",
+    "SingleChiSquared",
+    "threshold_for",
+]

@@ -1,5 +1,6 @@
 """Estimation: what the thrusters truly do, from what was commanded and what was measured."""
 
 from thruster_baselines.estimation.effectiveness import EffectivenessFilter, Innovation
+from thruster_baselines.estimation.noise import PhysicalNoise
 
-__all__ = ["EffectivenessFilter", "Innovation"]
+__all__ = ["EffectivenessFilter", "Innovation", "PhysicalNoise"]

@@ -6,8 +6,9 @@ The state is the effectiveness A (m, n) itself, all of its entries, taken as con
 
 with the measured rate change Z_k and the effective on-times U_k of an interval (Yang 2003, ch. 4). In the
 source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n I]. How much of the covariance
-(m n, m n) has to be carried depends on the noise, and the three forms give the same numbers where they apply:
+(m n, m n) has to be carried depends on the noise, and the exact forms give the same numbers where they apply:
 
+- `known`: there is neither process noise nor a first covariance, so that nothing is learned. No covariance.
 - `shared`: measurement noise R, process noise Q and first covariance are multiples of the identity. Then the
   covariance is a Kronecker product, and one n x n matrix serves all axes.
 - `by_axis`: they are diagonal, with one number per axis. Axes do not mix: m matrices of n x n.
@@ -39,7 +40,7 @@ from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["EffectivenessFilter", "Innovation"]
 
-Form = Literal["automatic", "shared", "by_axis", "full", "fired_only"]
+Form = Literal["automatic", "known", "shared", "by_axis", "full", "fired_only"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,7 @@ class EffectivenessFilter:
         self._nominal, self._vehicles = nominal, vehicles
         self._process = _per_axis(process_noise, m, "process_noise")
         self._measurement = _measurement_noise(measurement_noise, m)
+        self._diagonal = np.diag(self._measurement).copy()
         first = process_noise if initial_covariance is None else initial_covariance
         self._first = _per_axis(first, m, "initial_covariance")
         self.form = self._choose(form)
@@ -119,11 +121,16 @@ class EffectivenessFilter:
             np.ptp(values) == 0.0 for values in (self._process, self._first, np.diag(self._measurement))
         )
         admitted = {"full", "fired_only"}
+        known = not (self._process.any() or self._first.any())
+        if known:
+            admitted.add("known")
         if diagonal:
             admitted.add("by_axis")
             if same:
                 admitted.add("shared")
         if form == "automatic":
+            if known:
+                return "known"
             return "shared" if diagonal and same else "by_axis" if diagonal else "full"
         if form not in admitted:
             raise ValueError(
@@ -151,6 +158,8 @@ class EffectivenessFilter:
 
     def _first_covariance(self) -> FloatArray:
         n = self._nominal.shape[1]
+        if self.form == "known":
+            return np.zeros((0, n, n))
         if self.form == "shared":
             return np.diag(np.full(n, self._first[0]))
         if self.form == "by_axis":
@@ -161,6 +170,8 @@ class EffectivenessFilter:
     def covariance(self) -> FloatArray:
         """(vehicles, m n, m n): of the entries of the estimate, columns stacked; a copy in any form."""
         m, n = self._nominal.shape
+        if self.form == "known":
+            return np.zeros((self._vehicles, m * n, m * n))
         if self.form == "shared":
             return np.stack([np.kron(one, np.eye(m)) for one in self._covariance])
         if self.form == "by_axis":
@@ -184,7 +195,8 @@ class EffectivenessFilter:
             on_times: (vehicles, n) or (n,), s: effective on-times of the interval, coupling loss taken off.
             rate_change: (vehicles, m) or (m,), m/s then rad/s: measured, free motion taken off. One that is
                 not finite is refused and counted.
-            measurement_noise: (vehicles, m, m), instead of the filter's own; only with the full forms.
+            measurement_noise: (vehicles, m, m), instead of the filter's own; only with `known` and the full
+                forms.
             valid: (vehicles,), where there is a measurement at all; elsewhere only time passes.
 
         Raises:
@@ -202,34 +214,53 @@ class EffectivenessFilter:
         numbers = np.isfinite(measured).all(axis=1)
         self.refused += there & ~numbers
         there &= numbers
-        residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
-        if self.form in ("shared", "by_axis"):
-            if measurement_noise is not None:
+        noises = None
+        if measurement_noise is not None:
+            if self.form in ("shared", "by_axis"):
                 raise ValueError(
                     f"measurement_noise is given for each update, which the form {self.form!r} does not "
                     "admit; form='full' would be right"
                 )
-            noise = np.diag(self._measurement).copy()
-            kernel = _update_shared if self.form == "shared" else _update_by_axis
-            kernel(
-                times, measured, there, self._process, noise, self.effectiveness, self._covariance,
-                residual, covariance,
-            )  # fmt: skip
-        else:
-            noises = (
-                self._measurement[np.newaxis]
-                if measurement_noise is None
-                else np.array(measurement_noise, dtype=np.float64, order="C")
-            )
+            noises = np.array(measurement_noise, dtype=np.float64, order="C")
             if noises.shape not in ((1, m, m), (count, m, m)):
                 raise ValueError(
                     f"measurement_noise has the shape {noises.shape}; ({count}, {m}, {m}) would be right"
                 )
+        return self.advance(times, measured, there, noises)
+
+    def advance(
+        self,
+        on_times: FloatArray,
+        rate_change: FloatArray,
+        valid: NDArray[np.bool_],
+        measurement_noise: FloatArray | None = None,
+    ) -> Innovation:
+        """As `update`, for arrays that the caller has checked and that are contiguous; all of them whole.
+
+        Args:
+            on_times: (vehicles, n), s, finite.
+            rate_change: (vehicles, m), m/s then rad/s, finite where it is valid.
+            valid: (vehicles,).
+            measurement_noise: (vehicles, m, m) or (1, m, m); only with `known` and the full forms.
+        """
+        count, m = rate_change.shape
+        residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
+        if self.form in ("shared", "by_axis"):
+            kernel = _update_shared if self.form == "shared" else _update_by_axis
+            kernel(
+                on_times, rate_change, valid, self._process, self._diagonal, self.effectiveness,
+                self._covariance, residual, covariance,
+            )  # fmt: skip
+            return Innovation(residual, covariance, valid)
+        noises = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
+        if self.form == "known":
+            _compare(on_times, rate_change, valid, noises, self.effectiveness, residual, covariance)
+        else:
             _update_full(
-                times, measured, there, self._process, noises, self.form == "fired_only",
+                on_times, rate_change, valid, self._process, noises, self.form == "fired_only",
                 self.effectiveness, self._covariance, residual, covariance,
             )  # fmt: skip
-        return Innovation(residual, covariance, there)
+        return Innovation(residual, covariance, valid)
 
     def replace_column(self, vehicles: ArrayLike, thruster: int, column: ArrayLike) -> None:
         """Overwrite what is believed of one thruster, and know it as well as at the start.
@@ -246,6 +277,8 @@ class EffectivenessFilter:
             raise ValueError(f"thruster is {thruster}; a number from 1 to {n} would be right")
         mask, i = np.asarray(vehicles, dtype=np.bool_), thruster - 1
         self.effectiveness[mask, :, i] = column
+        if self.form == "known":
+            return
         fresh = self._first_covariance()
         if self.form in ("shared", "by_axis"):
             for at in np.flatnonzero(mask):
@@ -373,6 +406,27 @@ def _update_by_axis(
             spread[v, k, k] = _update_axis(
                 times[v], rest, process[k], noise[k], effectiveness[v, k], covariance[v, k], there[v], pu
             )
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _compare(
+    times: FloatArray,
+    measured: FloatArray,
+    there: NDArray[np.bool_],
+    noises: FloatArray,
+    effectiveness: FloatArray,
+    residual: FloatArray,
+    spread: FloatArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    for v in range(times.shape[0]):
+        spread[v] = noises[v if noises.shape[0] > 1 else 0]
+        if there[v]:
+            for k in range(m):
+                rest = measured[v, k]
+                for i in range(n):
+                    rest -= effectiveness[v, k, i] * times[v, i]
+                residual[v, k] = rest
 
 
 @njit(error_model="numpy", cache=True, nogil=True)

@@ -1,0 +1,381 @@
+"""What all detectors here share: the checks at the door, the filter, the clock, and what a test is made of.
+
+Of an interval a detector gets the commanded on-times and the measured rate change. The base takes the loss of
+the shared feed off the on-times, so that it does not look like a fault, refuses measurements that are no
+numbers or that no firing of this vehicle could have given, and lets a filter of the thrusters' effectiveness
+(`thruster_baselines.estimation.EffectivenessFilter`) say what was unexpected in the rest: the residual, and
+the covariance Y that it should have. A detector adds a statistic of them and names a thruster.
+
+How large errors are taken to be is the choice of `noise`:
+
+- a number, or one per axis: the source has R = 10 and Q = 0.01 (Yang 2003, chapter 6), and its thresholds
+  (5.5e-5 for the likelihood ratio) belong to them. They mix m/s with rad/s and are not the size of any error.
+- `PhysicalNoise(spacecraft)`: what the sensors and the scatter of the thrusters give. By default the filter
+  then learns nothing and expects what it was told to believe; give a `process_noise` to let it learn.
+
+Left out: that consecutive rate changes share a velocity measurement, and that a measurement may belong to
+another interval than it says. Who loses one may add up the on-times and durations of two intervals, or say
+that this one is not valid.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_baselines.estimation import EffectivenessFilter, Innovation, PhysicalNoise
+from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["BaseDetector", "Interval"]
+
+SOURCE_PROCESS_NOISE = 0.01
+"""Variance that each entry of the effectiveness gains per update (Yang 2003, chapter 6)."""
+
+SOURCE_MEASUREMENT_NOISE = 10.0
+"""Variance of each axis of the rate change (Yang 2003, chapter 6)."""
+
+_SIGMAS = 8.0
+"""How many standard deviations of the sensors a measurement may lie beyond what thrusters can give."""
+
+
+class Interval:
+    """One interval, as a detector sees it after the checks.
+
+    Attributes:
+        commanded: (vehicles, n), s, as they were told.
+        on_times: (vehicles, n), s, effective: the loss of the shared feed taken off.
+        rate_change: (vehicles, m), m/s then rad/s; may be anything where it is not valid.
+        duration: s.
+        valid: (vehicles,), where there is a measurement that counts.
+        effectiveness: (vehicles, m, n), believed before this measurement, m/s^2 then rad/s^2.
+        residual: (vehicles, m), measured minus expected; zero where not valid.
+        covariance: (vehicles, m, m), of the residual if nothing is wrong.
+    """
+
+    __slots__ = (
+        "commanded", "covariance", "duration", "effectiveness", "on_times", "rate_change", "residual", "valid"
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        commanded: FloatArray,
+        on_times: FloatArray,
+        rate_change: FloatArray,
+        duration: float,
+        effectiveness: FloatArray,
+        innovation: Innovation,
+    ) -> None:
+        self.commanded, self.on_times, self.rate_change = commanded, on_times, rate_change
+        self.duration, self.effectiveness, self.valid = duration, effectiveness, innovation.valid
+        self.residual, self.covariance = innovation.residual, innovation.covariance
+
+
+class BaseDetector(ABC):
+    """A detector that checks what it is given, keeps the filter and the time, and asks a subclass to judge.
+
+    Args:
+        spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        threshold: What the statistic has to exceed for a detection.
+        noise: Of the measured rate change; see the module.
+        process_noise: Variance that each entry of the effectiveness gains per update, one number or (m,): by
+            default the source's with noise given as numbers, none with `PhysicalNoise`.
+        initial_covariance: Variance of the entries at the start; by default the process noise.
+        coupling: Share of thrust lost per further thruster open, or a loss curve; by default the
+            spacecraft's, and none with a matrix.
+        vehicles: How many are watched.
+
+    Attributes:
+        threshold: May be changed at any time.
+        time: (vehicles,), s since the last reset.
+        filter: What it believes of the thrusters.
+        refused: (vehicles,), how many measurements were no numbers or out of any range.
+        last: The interval last taken in.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        threshold: float,
+        *,
+        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
+        process_noise: ArrayLike | None = None,
+        initial_covariance: ArrayLike | None = None,
+        coupling: Coupling | None = None,
+        vehicles: int = 1,
+    ) -> None:
+        if not threshold >= 0.0:
+            raise ValueError(f"threshold is {threshold}; a number of 0 or more would be right")
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        self.threshold = float(threshold)
+        self._noise = noise if isinstance(noise, PhysicalNoise) else None
+        if process_noise is None:
+            process_noise = 0.0 if self._noise is not None else SOURCE_PROCESS_NOISE
+        if isinstance(noise, PhysicalNoise):
+            measurement = np.diag(noise.sensors)
+            learns = np.any(process_noise) or (initial_covariance is not None and np.any(initial_covariance))
+            self.filter = EffectivenessFilter(
+                spacecraft, process_noise, measurement, initial_covariance, vehicles,
+                form="full" if learns else "known",
+            )  # fmt: skip
+        else:
+            self.filter = EffectivenessFilter(spacecraft, process_noise, noise, initial_covariance, vehicles)
+        self._vehicles = vehicles
+        self._nominal = self.filter.effectiveness[0].copy()
+        m, n = self._nominal.shape
+        if isinstance(spacecraft, Spacecraft):
+            coupling = spacecraft.feed.coupling if coupling is None else coupling
+            scatter = np.array([one.scatter for one in spacecraft.thrusters])
+            self._largest_rate = np.abs(self._nominal) @ (1.0 + scatter)
+            sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
+            self._largest_error = _SIGMAS * math.sqrt(2.0) * sensors
+        else:
+            coupling = 0.0 if coupling is None else coupling
+            self._largest_rate, self._largest_error = np.zeros(m), np.full(m, np.inf)
+        self._shares = thrust_shares(coupling, n)
+        self.reset()
+
+    def reset(self, vehicles: ArrayLike | None = None) -> None:
+        """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
+        mask = self._mask(vehicles)
+        m, n = self._nominal.shape
+        if vehicles is None:
+            self.time: FloatArray = np.zeros(self._vehicles)
+            self.refused: IntArray = np.zeros(self._vehicles, np.int64)
+            self._believed: FloatArray = np.empty((self._vehicles, m, n))
+            self._dead: BoolArray = np.empty((self._vehicles, n), np.bool_)
+            self.last: Interval | None = None
+        self.time[mask] = 0.0
+        self.refused[mask] = 0
+        self._believed[mask] = self._nominal
+        self._dead[mask] = ~self._nominal.any(axis=0)
+        self.filter.reset(vehicles)
+        self._forget(mask)
+
+    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+        """From now on expect what thrusters of this effectiveness give.
+
+        What was believed before of a thruster whose column is another now is forgotten, and its uncertainty
+        is that of the start; what was learned of the others stays. A thruster with a column of zeros is not
+        suspected any more. Evidence gathered so far is dropped.
+
+        Args:
+            effectiveness: (m, n) or (vehicles, m, n), m/s^2 then rad/s^2.
+            vehicles: Which ones, as a mask (vehicles,); all by default.
+
+        Raises:
+            ValueError: A wrong shape, an entry that is not finite.
+        """
+        mask = self._mask(vehicles)
+        given = np.array(effectiveness, dtype=np.float64)
+        if given.shape not in (self._nominal.shape, self._believed.shape):
+            raise ValueError(
+                f"effectiveness has the shape {given.shape}; {self._nominal.shape}, or with "
+                f"{self._vehicles} vehicles in front, would be right"
+            )
+        if not np.isfinite(given).all():
+            raise ValueError("effectiveness has an entry that is not finite; m/s^2, rad/s^2 would be right")
+        given = np.broadcast_to(given, self._believed.shape)
+        changed = (given != self._believed).any(axis=1) & mask[:, np.newaxis]
+        for i in np.flatnonzero(changed.any(axis=0)):
+            self.filter.replace_column(changed[:, i], int(i) + 1, given[changed[:, i], :, i])
+        self._believed[mask] = given[mask]
+        self._dead[mask] = ~given[mask].any(axis=1)
+        self._forget(mask)
+
+    def update(
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,
+        duration: float,
+        *,
+        valid: ArrayLike | None = None,
+    ) -> Diagnosis:
+        """Take in one interval; see `thruster_envs.protocols.Detector`.
+
+        Raises:
+            ValueError: A wrong shape, on-times that are negative or not finite, a duration that is not
+                positive.
+        """
+        interval = self._take_in(on_times, rate_change, duration, valid)
+        self.last = interval
+        return self._judge(interval)
+
+    @abstractmethod
+    def _judge(self, interval: Interval) -> Diagnosis:
+        """What to say of a checked interval."""
+
+    def _forget(self, mask: BoolArray) -> None:  # noqa: B027 - most detectors gather nothing
+        """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""
+
+    def _take_in(
+        self, on_times: ArrayLike, rate_change: ArrayLike, duration: float, valid: ArrayLike | None
+    ) -> Interval:
+        count, (m, n) = self._vehicles, self._nominal.shape
+        commanded = self._whole(on_times, n, "on_times")
+        measured = self._whole(rate_change, m, "rate_change")
+        if not (duration > 0.0 and math.isfinite(duration)):
+            raise ValueError(f"duration is {duration}; a positive number of s would be right")
+        there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
+        if there.shape != (count,):
+            raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
+        effective = np.empty((count, n))
+        wrong = _at_the_door(
+            commanded, measured, there, float(duration), self._shares,
+            self._largest_rate, self._largest_error, effective, self.refused, self.time,
+        )  # fmt: skip
+        if wrong >= 0:
+            vehicle, thruster = divmod(int(wrong), n)
+            raise ValueError(
+                f"on_times of vehicle {vehicle}, thruster {thruster + 1} is {commanded[vehicle, thruster]}; "
+                "a finite number of s, zero or more, would be right"
+            )
+        before = self.filter.effectiveness
+        if self.filter.form != "known":  # which will change it
+            before = before.copy()
+        noise = None if self._noise is None else self._noise.of_rows(effective)
+        innovation = self.filter.advance(effective, measured, there, noise)
+        return Interval(commanded, effective, measured, float(duration), before, innovation)
+
+    def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
+        values = np.array(given, dtype=np.float64, order="C")
+        if values.shape == (size,):
+            values = np.repeat(values[np.newaxis], self._vehicles, axis=0)
+        if values.shape != (self._vehicles, size):
+            raise ValueError(
+                f"{name} has the shape {values.shape}; ({self._vehicles}, {size}) would be right"
+            )
+        return values
+
+    def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
+        if vehicles is None:
+            return np.ones(self._vehicles, np.bool_)
+        mask = np.asarray(vehicles)
+        if mask.shape != (self._vehicles,) or mask.dtype != np.bool_:
+            raise ValueError(
+                f"vehicles is an array of {mask.dtype} and of the shape {mask.shape}; a mask "
+                f"({self._vehicles},) would be right"
+            )
+        return mask
+
+    def _answer(
+        self, statistic: FloatArray, blamed: IntArray, suspicion: FloatArray, shortfall: FloatArray
+    ) -> Diagnosis:
+        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell."""
+        detected = statistic > self.threshold
+        return Diagnosis(
+            detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall
+        )
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _at_the_door(
+    commanded: FloatArray,
+    measured: FloatArray,
+    there: NDArray[np.bool_],
+    duration: float,
+    shares: FloatArray,
+    largest_rate: FloatArray,
+    largest_error: FloatArray,
+    effective: FloatArray,
+    refused: IntArray,
+    time: FloatArray,
+) -> int:
+    """Effective on-times, clock, and refusals; the flat index of the first on-time that cannot be, or -1.
+
+    Nothing but scratch is written if there is one.
+    """
+    count, n = commanded.shape
+    wrong = -1
+    for v in range(count):
+        for i in range(n):
+            if wrong < 0 and not (commanded[v, i] >= 0.0 and commanded[v, i] < np.inf):
+                wrong = v * n + i
+    if wrong >= 0:
+        return wrong
+    order = np.empty(n, np.int64)
+    for v in range(count):
+        convert(commanded[v], shares, order, True, effective[v])
+        time[v] += duration
+        if there[v]:
+            for k in range(measured.shape[1]):
+                size, error = abs(measured[v, k]), largest_error[k]
+                # written so that what is no number is refused, too
+                if not (size < np.inf and (error == np.inf or size <= largest_rate[k] * duration + error)):
+                    there[v] = False
+            if not there[v]:
+                refused[v] += 1
+    return wrong
+
+
+@njit(error_model="numpy", inline="always")
+def is_diagonal(covariance: FloatArray) -> bool:
+    """Whether a symmetric (m, m) has nothing off its diagonal."""
+    for k in range(covariance.shape[0]):
+        for other in range(k):
+            if covariance[k, other] != 0.0:
+                return False
+    return True
+
+
+@njit(error_model="numpy")
+def whiten(
+    covariance: FloatArray,
+    residual: FloatArray,
+    effectiveness: FloatArray,
+    root: FloatArray,
+    white_residual: FloatArray,
+    white_effectiveness: FloatArray,
+) -> None:
+    """Residual (m,) and columns (m, n) in coordinates in which the covariance (m, m) is the identity.
+
+    They are L^-1 e and L^-1 A with the Cholesky factor L, so that products of them are those with Y^-1.
+
+    Args:
+        covariance: (m, m), positive definite.
+        residual: (m,).
+        effectiveness: (m, n).
+        root: (m, m), written: L.
+        white_residual: (m,), written.
+        white_effectiveness: (m, n), written.
+    """
+    m, n = effectiveness.shape
+    if is_diagonal(covariance):
+        for k in range(m):
+            scale = 1.0 / math.sqrt(covariance[k, k])
+            for other in range(k):
+                root[k, other] = 0.0
+            root[k, k] = math.sqrt(covariance[k, k])
+            white_residual[k] = residual[k] * scale
+            for i in range(n):
+                white_effectiveness[k, i] = effectiveness[k, i] * scale
+        return
+    for k in range(m):
+        for other in range(k + 1):
+            total = covariance[k, other]
+            for s in range(other):
+                total -= root[k, s] * root[other, s]
+            root[k, other] = math.sqrt(total) if k == other else total / root[other, other]
+    for k in range(m):
+        scale = 1.0 / root[k, k]
+        white_residual[k] = residual[k]
+        for i in range(n):
+            white_effectiveness[k, i] = effectiveness[k, i]
+        for s in range(k):
+            factor = root[k, s]
+            white_residual[k] -= factor * white_residual[s]
+            for i in range(n):
+                white_effectiveness[k, i] -= factor * white_effectiveness[s, i]
+        white_residual[k] *= scale
+        for i in range(n):
+            white_effectiveness[k, i] *= scale
