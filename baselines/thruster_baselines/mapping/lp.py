@@ -86,12 +86,14 @@ class LPMapper(CompiledMapper):
                 is negative or NaN.
             RuntimeError: The solver did not reach the optimum; not known to happen.
         """
-        own = effectiveness is None and max_on_time is None
-        if own:  # one command for the mapper's own model: the short way, checked by the kernel itself
-            one = np.array(command, dtype=np.float64, order="C")
-            if one.shape == self._single:
-                return self._solve_one(one)
-        return super().__call__(command, effectiveness=effectiveness, max_on_time=max_on_time)
+        if effectiveness is not None or max_on_time is not None:
+            return super().__call__(command, effectiveness=effectiveness, max_on_time=max_on_time)
+        commands = np.array(command, dtype=np.float64, order="C")
+        if commands.shape == self._single:  # the short way, checked by the kernel itself
+            return self._solve_one(commands)
+        require_command_shape(commands, self._single[0])
+        require_finite_command(commands)
+        return self._allocate(commands, self._model)
 
     def sequence(self, worlds: int | None = None) -> LPSequence:
         """A mapper for commands that follow each other: each starts from the basis of the one before.
