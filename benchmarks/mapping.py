@@ -1,178 +1,340 @@
-"""How fast the LP mapper is: one command, a batch, and other solvers on the same problems.
+"""How fast thrust mapping is: the linear program, what is built on it, and other solvers beside it.
 
-The problems are like those of a flight with faults: Orion's effectiveness, 30 % of them with one thruster
-dead, a quarter with commands on few axes (exactly degenerate), a quarter beyond what a period can give.
-Solvers that keep a model get only what changes (command and bounds; a dead thruster is one that may not
-fire) and start from their last basis. Not measured: construction, and the first call of each.
+One command from Python and in compiled code, along a flight, in batches, on three vehicles and on interior,
+saturated and degenerate commands apart (:mod:`benchmarks.problems`); the other mappers
+(:mod:`benchmarks.methods`), other solvers (:mod:`benchmarks.solvers`), and what the linear program buys
+(:mod:`benchmarks.allocation_value`). Not measured: construction, and the first calls of each.
 
 ``python -m benchmarks.mapping`` runs this section alone.
 """
 
 from __future__ import annotations
 
-import importlib
+import sys
+import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import ModuleType
 
-import highspy
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import linprog
 
-from benchmarks.report import AtLeast, AtMost, Row, Section, section_as_text
-from benchmarks.timing import Effort, race
-from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper, PseudoInverseMapper
-from thruster_baselines.mapping.simplex import solve_batch, solve_range
-from thruster_envs.spacecraft import load
+from benchmarks import allocation_value, methods, solvers
+from benchmarks.environments import profile
+from benchmarks.problems import KINDS, MIXTURE, VEHICLES, Array, Problems, flight, problems
+from benchmarks.report import AtLeast, AtMost, Row, Section, markdown_table, number, section_as_text
+from benchmarks.timing import QUICK, Calls, Effort, Timing, Work, clock_cost, race, race_calls
+from thruster_baselines.mapping import LPMapper
+from thruster_baselines.mapping.sequence import follow_range
+from thruster_baselines.mapping.simplex import solve_batch, solve_range, tableau_shape
+from thruster_envs.protocols import IntArray
 
-Array = NDArray[np.float64]
-
-ABOUT = """\
-One command of six axes to twelve thrusters (6x12) unless it says otherwise. The problems are Orion's: 30 %
-with one thruster dead, a quarter of the commands on few axes only (exactly degenerate), a quarter beyond
-what a period can give. *Kernel*: the compiled solver called from Python with arrays that fit. *Public
-call*: `LPMapper(...)(command)` with its checks. Batches have an effectiveness of their own for every
-problem. Other solvers keep their model, get only the command and the bounds, and start from their last
-basis (highspy, GLPK); scipy's `linprog` builds its model anew,
-and DAQP, a solver of quadratic programs, takes the linear one by proximal steps."""
+PROBLEMS = 2048
+"""Different commands of each vehicle and kind."""
 
 BATCH = 4096
-PROBLEMS = 256
-EXACT = 1e-8
+LARGE_BATCH = 65_536
 
+CLOCK = "CLOCK"
 
-@dataclass(frozen=True)
-class Problems:
-    """Mapping problems of one vehicle that share their costs.
+ABOUT = f"""\
+Commands of six axes to twelve thrusters (6x12: Orion, SPHERES) or to twenty-four (6x24: Orion with a second
+thruster of another strength beside each of its own). *Interior* commands can be tracked within the period,
+*saturated* ones ask for more of some axis than there is, *degenerate* ones are on one or two axes only;
+{PROBLEMS:,} different commands of each. In the *mixture* 30 % of the problems have one thruster dead, a
+quarter of the commands is on one or two axes and a quarter four times as large as the rest.
 
-    Attributes:
-        command: (count, m), m/s then rad/s.
-        effectiveness: (m, n), of the healthy vehicle, m/s^2 then rad/s^2.
-        max_on_time: (count, n), s; zero for a dead thruster.
-        fuel_cost: (n,), per s.
-        slack_cost: (m,), per m/s then per rad/s.
-    """
+*Kernel*: the compiled solver called from Python with arrays that fit. Each call is timed by itself, by
+`time.perf_counter_ns`, whose own {CLOCK} ns are in the figure; the median and the 99th percentile are over
+the {PROBLEMS:,} calls, each in turn the median of the repetitions. *In compiled code*: a batch on one thread,
+divided by its size. *Public call*: `LPMapper(...)(command)` with its checks. *Along a flight*: commands that
+follow each other smoothly, each started from the basis of the one before (`LPMapper.sequence()`), beside the
+same commands started cold. A target that holds for every kind of command is judged by the dearest one.
+Batches are of the mixture, with an effectiveness of its own for every problem. The gap is the largest
+relative difference of the objective to that of HiGHS at tolerances of 1e-10.
 
-    command: Array
-    effectiveness: Array
-    max_on_time: Array
-    fuel_cost: Array
-    slack_cost: Array
+{methods.ABOUT}
 
-    @property
-    def faulted(self) -> Array:
-        """(count, m, n): the effectiveness of each problem, its dead thruster's column zero."""
-        return np.ascontiguousarray(self.effectiveness * (self.max_on_time > 0.0)[:, np.newaxis, :])
+{solvers.ABOUT}
 
-    def optima(self) -> Array:
-        """(count,): the least objectives."""
-        return solve_batch(
-            self.command, self.effectiveness[np.newaxis], self.max_on_time, self.fuel_cost, self.slack_cost
-        )[2]
-
-
-def problems(count: int, *, twice: bool = False, seed: int = 0) -> Problems:
-    """Problems of Orion, or (`twice`) of an Orion with two unlike thrusters wherever it has one."""
-    rng = np.random.default_rng(seed)
-    orion = load("orion")
-    effectiveness = orion.effectiveness()
-    if twice:
-        effectiveness = np.hstack([effectiveness, effectiveness * rng.uniform(0.5, 1.5, 12)])
-    mapper = LPMapper(effectiveness, max_on_time=orion.control_period)
-    n = effectiveness.shape[1]
-    authority = orion.control_period * np.maximum(effectiveness, 0.0).sum(axis=1)
-    command = rng.uniform(-0.4, 0.4, (count, 6)) * authority
-    kind = rng.random(count)
-    command[kind < 0.25] *= rng.random((count, 6))[kind < 0.25] < 0.3
-    command[kind > 0.75] *= 4.0
-    max_on_time = np.full((count, n), orion.control_period)
-    dead = rng.random(count) < 0.3
-    max_on_time[dead, rng.integers(n, size=int(dead.sum()))] = 0.0
-    return Problems(command, effectiveness, max_on_time, mapper.fuel_cost.copy(), mapper.slack_cost.copy())
+{allocation_value.ABOUT}"""
 
 
 def measure(effort: Effort) -> Section:
     """The figures of this section."""
-    count = 8 if effort.quick else PROBLEMS
-    return Section("LP mapper", ABOUT, [*_one(effort, count), *_batches(effort), *_peers(effort, count)])
+    effort = effort.brief()
+    count = 24 if effort.quick else PROBLEMS
+    singles = {craft: _one_by_one(effort, craft, count) for craft in VEHICLES}
+    rows = [row for craft in VEHICLES for row in _single_rows(effort, craft, singles[craft])]
+    for craft in VEHICLES:
+        rows += _batches(effort, craft)
+    rows += [_gap(craft, count) for craft in VEHICLES]
+    rows += _memory(1024 if effort.quick else LARGE_BATCH)
+    tables = [_table(singles)]
+    for more, table in (
+        methods.rows(effort, count),
+        solvers.rows(effort, count, kernel),
+        allocation_value.rows(240 if effort.quick else allocation_value.REQUESTS),
+    ):
+        rows += more
+        tables.append(table)
+    about = ABOUT.replace(CLOCK, number(1e9 * clock_cost()))
+    return Section("Thrust mapping", about, rows, "\n\n".join(tables))
 
 
-def _one(effort: Effort, count: int) -> list[Row]:
-    small, large = problems(count), problems(count, twice=True)
-    mapper = LPMapper(load("orion"))
-    commands = list(small.command)
-    others = {
-        "minimum-norm and shift": MinimumNormShiftMapper(load("orion")),
-        "clipped pseudo-inverse": PseudoInverseMapper(load("orion")),
-        "crude map": CrudeMapper(load("orion")),
-    }
+# One command ----------------------------------------------------------------------------------------------
 
-    def public() -> None:
-        for command in commands:
-            mapper(command)
 
-    works: dict[str, Callable[[], object]] = {
-        "kernel": kernel(small),
-        "kernel 6x24": kernel(large),
-        "in compiled code": lambda: solve_batch(
-            small.command,
-            small.effectiveness[np.newaxis],
-            small.max_on_time,
-            small.fuel_cost,
-            small.slack_cost,
-            1,
-        ),
-        "public": public,
-    }
-    for name, other in others.items():
-        works[name] = lambda other=other: [other(command) for command in commands]
-    times = race(works, effort)
-    micro = {name: 1e6 * timing.seconds / count for name, timing in times.items()}
-    return [
-        Row("kernel, one command, from Python", micro["kernel"], "µs", AtMost(3.0), charted=True),
-        Row("kernel, commands one by one in compiled code", micro["in compiled code"], "µs", AtMost(3.0)),
-        Row("kernel, one command, 6x24, from Python", micro["kernel 6x24"], "µs"),
-        Row(
-            "public call, one command", micro["public"], "µs", AtMost(8.0),
-            ratio=f"{times['kernel'].times_faster_than(times['public']):.2f} times the kernel's time",
-        ),
-        *(
-            Row(
-                f"{name}, one command", micro[name], "µs",
-                ratio=f"{times['public'].times_faster_than(times[name]):.1f} times the LP's time",
-                note="not optimal",
+@dataclass(frozen=True)
+class Single:
+    """Times of one command of a vehicle and a kind.
+
+    Attributes:
+        kernel: Called from Python.
+        public: The public call.
+        compiled: In compiled code, s per command.
+        flight_cold: Kernel on the commands of a flight, each from all slacks; None for the mixture.
+        flight_warm: The same from basis to basis.
+        flight_compiled: Cold and warm in compiled code, s per command.
+    """
+
+    kernel: Calls
+    public: Calls
+    compiled: float
+    flight_cold: Calls | None = None
+    flight_warm: Calls | None = None
+    flight_compiled: tuple[Timing, Timing] | None = None
+
+
+def _one_by_one(effort: Effort, craft: str, count: int) -> dict[str, Single]:
+    found = {}
+    for kind in (*KINDS, MIXTURE):
+        these = problems(count, craft, kind)
+        mapper = LPMapper(these.effectiveness, these.max_on_time.max())
+        if kind == MIXTURE:
+            public: Work = (
+                lambda command, matrix, mapper=mapper: mapper(command, effectiveness=matrix),
+                list(zip(these.command, these.faulted, strict=True)),
             )
-            for name in others
-        ),
-    ]  # fmt: skip
+        else:
+            public = (mapper, [(command,) for command in these.command])
+        calls = race_calls({"kernel": kernel(these), "public call": public}, effort)
+        batch = race({"in compiled code": lambda these=these: these.solve(1)}, effort)["in compiled code"]
+        found[kind] = Single(calls["kernel"], calls["public call"], batch.seconds / count)
+    for kind in KINDS:
+        way = flight(count, craft, kind)
+        calls = race_calls({"flight, cold": kernel(way), "flight, warm": warm_kernel(way)}, effort)
+        follower = LPMapper(way.effectiveness, way.max_on_time[0], threads=1).sequence()
+        batches = race(
+            {
+                "flight, cold, in compiled code": lambda way=way: way.solve(1),
+                "flight, warm, in compiled code": lambda way=way, follower=follower: follower(way.command),
+            },
+            effort,
+        )
+        alone = found[kind]
+        found[kind] = Single(
+            alone.kernel, alone.public, alone.compiled, calls["flight, cold"], calls["flight, warm"],
+            (batches["flight, cold, in compiled code"], batches["flight, warm, in compiled code"]),
+        )  # fmt: skip
+    return found
 
 
-def kernel(these: Problems) -> Callable[[], None]:
-    """The compiled solver called from Python, once for each problem."""
+def kernel(these: Problems) -> Work:
+    """Calls of the compiled solver from Python, one for each problem."""
     m, n = these.effectiveness.shape
-    answer = np.empty((1, n)), np.empty((1, m)), np.empty(1), np.empty(1, np.int64)
-    model, costs = these.effectiveness[np.newaxis], (these.fuel_cost, these.slack_cost)
-    arguments = [
+    answer = np.empty((1, n)), np.empty((1, m)), np.empty(1), np.empty((1, 3), np.int64)
+    model = these.effectiveness[np.newaxis]
+    costs = these.fuel_cost[np.newaxis], these.slack_cost
+    return solve_range, [
         (command[np.newaxis], model, max_on_time[np.newaxis], *costs, *answer, 0, 1)
         for command, max_on_time in zip(these.command, these.max_on_time, strict=True)
     ]
 
+
+def warm_kernel(these: Problems) -> Work:
+    """The same from basis to basis; the vehicle stays the same."""
+    memory = _memory_of_a_sequence(these)
+    answer = _room(these, 1)
+    return follow_range, [
+        (command[np.newaxis, np.newaxis], *_shared(these), *memory, *answer, 0, 1)
+        for command in these.command
+    ]
+
+
+def _shared(these: Problems) -> tuple[Array, Array, Array, Array]:
+    """What all commands of a flight have in common, as the kernel takes it."""
+    return (
+        these.effectiveness[np.newaxis], these.max_on_time[:1], these.fuel_cost[np.newaxis], these.slack_cost
+    )  # fmt: skip
+
+
+def _memory_of_a_sequence(these: Problems) -> tuple[Array, IntArray]:
+    """The tableau and the age of a sequence that is still to begin."""
+    return np.zeros((1, *tableau_shape(*these.effectiveness.shape))), np.zeros(1, np.int64)
+
+
+def _room(these: Problems, steps: int) -> tuple[Array, Array, Array, IntArray]:
+    """Room for the answers to so many commands of one craft: on-times, slack, cost and report."""
+    m, n = these.effectiveness.shape
+    return (
+        np.empty((steps, 1, n)), np.empty((steps, 1, m)), np.empty((steps, 1)),
+        np.empty((steps, 1, 3), np.int64),
+    )  # fmt: skip
+
+
+def _single_rows(effort: Effort, craft: str, singles: dict[str, Single]) -> list[Row]:
+    """What a vehicle's targets are judged by: the dearest kind of command."""
+    large = craft.endswith("6x24")
+    first = craft == VEHICLES[0]
+    apart = {kind: singles[kind] for kind in KINDS}
+    median = _dearest({kind: single.kernel.median for kind, single in apart.items()})
+    slowest = _dearest({kind: single.kernel.percentile(99.0) for kind, single in apart.items()})
+    compiled = _dearest({kind: single.compiled for kind, single in apart.items()})
+    public = _dearest({kind: single.public.median - single.kernel.median for kind, single in apart.items()})
+    calls = _dearest({kind: single.public.median for kind, single in apart.items()})
+    warm = {kind: single.flight_warm for kind, single in apart.items() if single.flight_warm is not None}
+    warmest = _dearest({kind: each.median for kind, each in warm.items()})
+    gains = ", ".join(
+        f"{each.times_faster_than(apart[kind].flight_cold or each):.2f} ({kind})"
+        for kind, each in warm.items()
+    )
+    both = {kind: single.flight_compiled for kind, single in apart.items() if single.flight_compiled}
+    inside = _dearest({kind: pair[1].seconds for kind, pair in both.items()})
+    gains_inside = ", ".join(
+        f"{pair[1].times_faster_than(pair[0]):.2f} ({kind})" for kind, pair in both.items()
+    )
+    commands = len(singles[KINDS[0]].kernel.rounds[0])
+    target, warm_target = (4.0, 2.0) if large else (3.0, 1.5)
+    kernel_note, explain = f"dearest kind: {median[1]}", lambda: _explain(effort, craft, median[1])
+    return [
+        Row(
+            f"{craft}: kernel", 1e6 * median[0], "µs", AtMost(target), note=kernel_note, explain=explain,
+            charted=True,
+        ),
+        Row(
+            f"{craft}: kernel, 99th percentile", 1e6 * slowest[0], "µs", AtMost(10.0),
+            note=f"dearest kind: {slowest[1]}", explain=lambda: _explain(effort, craft, slowest[1]),
+        ),
+        Row(
+            f"{craft}: kernel, in compiled code", 1e6 * compiled[0], "µs",
+            note=f"dearest kind: {compiled[1]}",
+        ),
+        Row(
+            f"{craft}: public call", 1e6 * calls[0], "µs", note=f"dearest kind: {calls[1]}", charted=first,
+        ),
+        Row(
+            f"{craft}: public call, more than the kernel", 1e6 * public[0], "µs", AtMost(5.0),
+            note=f"dearest kind: {public[1]}", explain=lambda: _explain_public(effort, craft, public[1]),
+        ),
+        Row(
+            f"{craft}: public call, with an effectiveness of its own", 1e6 * singles[MIXTURE].public.median,
+            "µs", note="of the mixture, checked anew for every command",
+        ),
+        Row(
+            f"{craft}: warm along a flight, kernel", 1e6 * warmest[0], "µs", AtMost(warm_target),
+            ratio=f"{gains} times as fast as cold", note=f"dearest kind: {warmest[1]}", charted=True,
+            explain=lambda: _explain_flight(craft, warmest[1], commands),
+        ),
+        Row(
+            f"{craft}: warm along a flight, in compiled code", 1e6 * inside[0] / commands, "µs",
+            ratio=f"{gains_inside} times as fast as cold", note=f"dearest kind: {inside[1]}",
+        ),
+    ]  # fmt: skip
+
+
+def _dearest(times: dict[str, float]) -> tuple[float, str]:
+    """The longest of some times, and whose it is."""
+    kind = max(times, key=times.__getitem__)
+    return times[kind], kind
+
+
+def _table(singles: dict[str, dict[str, Single]]) -> str:
+    headings = (
+        "vehicle", "commands", "kernel", "99th percentile", "in compiled code", "public call",
+        "99th percentile", "flight, cold", "flight, warm", "99th percentile", "times as fast",
+        "flight in compiled code, cold", "warm", "times as fast",
+    )  # fmt: skip
+    lines = []
+    for craft, kinds in singles.items():
+        for kind, single in kinds.items():
+            line = [craft, kind]
+            line += [_micro(single.kernel.median), _micro(single.kernel.percentile(99.0))]
+            line += [_micro(single.compiled)]
+            line += [_micro(single.public.median), _micro(single.public.percentile(99.0))]
+            if single.flight_cold is None or single.flight_warm is None or single.flight_compiled is None:
+                line += ["–"] * 7
+            else:
+                count = single.kernel.rounds.shape[1]
+                cold, warm = single.flight_compiled
+                line += [_micro(single.flight_cold.median), _micro(single.flight_warm.median)]
+                line += [_micro(single.flight_warm.percentile(99.0))]
+                line += [f"{single.flight_warm.times_faster_than(single.flight_cold):.2f}"]
+                line += [_micro(cold.seconds / count), _micro(warm.seconds / count)]
+                line += [f"{warm.times_faster_than(cold):.2f}"]
+            lines.append(line)
+    return "### One command, by vehicle and kind (µs)\n\n" + markdown_table(headings, lines)
+
+
+def _micro(seconds: float) -> str:
+    return number(1e6 * seconds)
+
+
+def _explain(effort: Effort, craft: str, kind: str) -> str:
+    """What a call from Python adds to the solver, and what the solver does."""
+    these = problems(64 if effort.quick else PROBLEMS, craft, kind)
+    count = len(these.command)
+    calls = race_calls({"from Python": kernel(these)}, effort)["from Python"]
+    batch = race({"in compiled code": lambda: these.solve(1)}, effort)["in compiled code"]
+    report = solve_batch(
+        these.command, these.effectiveness[np.newaxis], these.max_on_time, these.fuel_cost[np.newaxis],
+        these.slack_cost,
+    )[3]  # fmt: skip
+    lines = [
+        ("from Python, median (µs)", _micro(calls.median)),
+        ("in compiled code, mean (µs)", _micro(batch.seconds / count)),
+        ("changes of basis, mean", number(float(report[:, 1].mean()))),
+        ("changes of basis, most", number(float(report[:, 1].max()))),
+        ("runs from bound to bound, mean", number(float(report[:, 2].mean()))),
+    ]
+    return markdown_table(("part", "value"), lines)
+
+
+def _explain_public(effort: Effort, craft: str, kind: str) -> str:
+    these = problems(64 if effort.quick else PROBLEMS, craft, kind)
+    mapper = LPMapper(these.effectiveness, these.max_on_time[0])
+    commands = list(these.command)
+
     def work() -> None:
-        for one in arguments:
-            solve_range(*one)
+        for command in commands:
+            mapper(command)
 
-    return work
+    return profile(work, 2 if effort.quick else 20)
 
 
-def _batches(effort: Effort) -> list[Row]:
+def _explain_flight(craft: str, kind: str, commands: int) -> str:
+    """How much there is to repair from command to command, beside a start from all slacks."""
+    way = flight(commands, craft, kind)
+    room = _room(way, commands)
+    follow_range(way.command[:, np.newaxis], *_shared(way), *_memory_of_a_sequence(way), *room, 0, 1)
+    effectiveness, _, fuel_cost, slack_cost = _shared(way)
+    cold = solve_batch(way.command, effectiveness, way.max_on_time, fuel_cost, slack_cost)[3]
+    lines = [
+        (name, number(float(changes.mean())), f"{np.mean(changes == 0):.0%}")
+        for name, changes in (("warm", room[3][:, 0, 1]), ("cold", cold[:, 1]))
+    ]
+    return markdown_table(("start", "changes of basis, mean", "commands without any"), lines)
+
+
+# Batches, gap and memory ----------------------------------------------------------------------------------
+
+
+def _batches(effort: Effort, craft: str) -> list[Row]:
     count = 64 if effort.quick else BATCH
-    these = problems(count, seed=1)
-    faulted, bound = these.faulted, these.max_on_time
-    mapper = LPMapper(load("orion"))
+    these = problems(count, craft, seed=1)
+    faulted, bound, fuel_cost = these.faulted, these.max_on_time, these.fuel_cost[np.newaxis]
+    mapper = LPMapper(these.effectiveness, bound.max())
 
     def with_threads(threads: int) -> Callable[[], object]:
-        return lambda: solve_batch(these.command, faulted, bound, these.fuel_cost, these.slack_cost, threads)
+        return lambda: solve_batch(these.command, faulted, bound, fuel_cost, these.slack_cost, threads)
 
     times = race(
         {
@@ -185,184 +347,77 @@ def _batches(effort: Effort) -> list[Row]:
     )
     rate = {name: timing.per_second(count) for name, timing in times.items()}
     gain = times["two threads"].times_faster_than(times["one thread"])
+    target = AtLeast(5e5 if craft.endswith("6x24") else 1e6)
     return [
-        Row(f"batch of {count:,}, one thread", rate["one thread"], "LP/s"),
+        Row(f"{craft}: batch of {count:,}, one thread", rate["one thread"], "LP/s"),
         Row(
-            f"batch of {count:,}, two threads", rate["two threads"], "LP/s", AtLeast(1e6),
+            f"{craft}: batch of {count:,}, two threads", rate["two threads"], "LP/s", target,
             ratio=f"{gain:.2f} times one thread", charted=True,
+            explain=lambda: _explain(effort, craft, MIXTURE),
         ),
         Row(
-            f"batch of {count:,}, public call", rate["public"], "LP/s",
+            f"{craft}: batch of {count:,}, public call", rate["public"], "LP/s",
             ratio=f"{times['public'].times_faster_than(times['two threads']):.2f} times two threads",
             note="as many threads as processors, arrays checked",
         ),
     ]  # fmt: skip
 
 
-# Other solvers --------------------------------------------------------------------------------------------
+def _gap(craft: str, count: int) -> Row:
+    """How far the kernel's objective is from that of HiGHS, over the mixture."""
+    these = problems(count, craft, seed=2)
+    cost, referee = these.solve()[2], solvers.tight_highs(these)
+    gaps = [abs(cost[i] - referee(i)) / cost[i] for i in range(count)]
+    largest = max(float(np.finfo(np.float64).eps), *gaps)
+    return Row(
+        f"{craft}: largest gap to HiGHS", largest, "of the objective", AtMost(1e-10),
+        note=f"of {count:,} problems of the mixture; median {number(float(np.median(gaps)))}",
+    )  # fmt: skip
 
 
-def _peers(effort: Effort, count: int) -> list[Row]:
-    these = problems(count)
-    solvers: dict[str, Callable[[Problems], Solver]] = {
-        "scipy linprog": scipy_linprog,
-        "highspy, warm": warm_highs,
-    }
-    rows = []
-    for name, module, make in (("GLPK, warm", "swiglpk", warm_glpk), ("DAQP", "daqp", proximal_daqp)):
-        library = _optional(module)
-        if library is None:
-            rows.append(Row(name, None, "µs", note=f"{module} is not installed (extra `bench`)", own=False))
-        else:
-            solvers[name] = lambda problems, make=make, library=library: make(problems, library)
-    optima = these.optima()
-    made = {name: make(these) for name, make in solvers.items()}
-    exact = {
-        name: np.mean([abs(solve(i) - optima[i]) <= EXACT * abs(optima[i]) for i in range(count)])
-        for name, solve in made.items()
-    }
-    own = kernel(these)
-    works = {name: _all_of(solve, count) for name, solve in made.items()}
-    times = race({"kernel": own, **works}, effort)
-    return rows + [
+def _memory(count: int) -> list[Row]:
+    """Peak of what a large batch allocates, the answer included, by `tracemalloc`."""
+    these = problems(count, kind=KINDS[0])
+    faulted = np.repeat(these.effectiveness[np.newaxis], count, axis=0)
+    mapper = LPMapper(these.effectiveness, these.max_on_time[0])
+    mapper(these.command[:8])
+    mapper(these.command[:8], effectiveness=faulted[:8])
+    plain = peak_memory(lambda: mapper(these.command))
+    own = peak_memory(lambda: mapper(these.command, effectiveness=faulted))
+    answer = mapper(these.command)
+    kept = sum(array.nbytes for array in (answer.on_times, answer.slack, answer.cost, answer.status))
+    return [
         Row(
-            f"{name}, one command", 1e6 * times[name].seconds / count, "µs",
-            ratio=f"{times['kernel'].times_faster_than(times[name]):,.0f} times the kernel's time",
-            note=f"objective right to 1e-8 in {exact[name]:.0%} of the problems", charted=True, own=False,
-        )
-        for name in works
+            f"batch of {count:,}: peak of additional memory", plain / 1e6, "MB",
+            note=f"by `tracemalloc`; {number(plain / count)} bytes a command, "
+            f"of which the answer takes {number(kept / count)}",
+        ),
+        Row(
+            f"batch of {count:,}: the same with an effectiveness for each", own / 1e6, "MB",
+            note=f"{number(own / count)} bytes a command; the effectiveness itself, not counted, has "
+            f"{number(faulted.nbytes / count)}",
+        ),
     ]  # fmt: skip
 
 
-Solver = Callable[[int], float]
-"""Solves the problem of that number and gives its objective."""
-
-
-def _all_of(solve: Solver, count: int) -> Callable[[], None]:
-    def work() -> None:
-        for i in range(count):
-            solve(i)
-
-    return work
-
-
-def _optional(name: str) -> ModuleType | None:
+def peak_memory(work: Callable[[], object]) -> int:
+    """Largest number of bytes that Python and NumPy hold for some work at a time, its result included."""
+    tracemalloc.start()
     try:
-        return importlib.import_module(name)
-    except ImportError:
-        return None
-
-
-def _equations(these: Problems) -> tuple[Array, Array, Array]:
-    """(m, n + 2 m) rows in units of slack cost, their right-hand sides (count, m), and costs (n + 2 m,)."""
-    m = these.slack_cost.size
-    rows = np.hstack([these.slack_cost[:, np.newaxis] * these.effectiveness, np.eye(m), -np.eye(m)])
-    return rows, these.slack_cost * these.command, np.concatenate([these.fuel_cost, np.ones(2 * m)])
-
-
-def scipy_linprog(these: Problems) -> Solver:
-    """`scipy.optimize.linprog` by HiGHS, a model for every call."""
-    rows, right, cost = _equations(these)
-    m, n = these.effectiveness.shape
-    bounds = np.zeros((len(right), n + 2 * m, 2))
-    bounds[:, :n, 1] = these.max_on_time
-    bounds[:, n:, 1] = np.inf
-
-    def solve(i: int) -> float:
-        return float(linprog(cost, A_eq=rows, b_eq=right[i], bounds=bounds[i], method="highs").fun)
-
-    return solve
-
-
-def warm_highs(these: Problems) -> Solver:
-    """HiGHS with its model and last basis kept."""
-    rows, right, cost = _equations(these)
-    m, n = these.effectiveness.shape
-    columns = n + 2 * m
-    solver = highspy.Highs()
-    solver.silent()
-    solver.setOptionValue("presolve", "off")
-    solver.setOptionValue("threads", 1)
-    model = highspy.HighsLp()
-    model.num_col_, model.num_row_ = columns, m
-    model.col_cost_, model.col_lower_ = cost, np.zeros(columns)
-    model.col_upper_ = np.concatenate([these.max_on_time[0], np.full(2 * m, np.inf)])
-    model.row_lower_ = model.row_upper_ = right[0]
-    model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
-    model.a_matrix_.start_ = np.arange(m + 1) * columns
-    model.a_matrix_.index_ = np.tile(np.arange(columns), m)
-    model.a_matrix_.value_ = rows.ravel()
-    solver.passModel(model)
-    numbers, zeros = np.arange(n, dtype=np.int32), np.zeros(n)
-
-    def solve(i: int) -> float:
-        solver.changeColsBounds(n, numbers, zeros, these.max_on_time[i])
-        for k in range(m):
-            solver.changeRowBounds(k, right[i, k], right[i, k])
-        solver.run()
-        return float(solver.getInfo().objective_function_value)
-
-    return solve
-
-
-def warm_glpk(these: Problems, glpk: ModuleType) -> Solver:
-    """GLPK's primal simplex with its model and last basis kept."""
-    rows, right, cost = _equations(these)
-    m, n = these.effectiveness.shape
-    columns = n + 2 * m
-    model = glpk.glp_create_prob()
-    glpk.glp_add_rows(model, m)
-    glpk.glp_add_cols(model, columns)
-    for j in range(columns):
-        glpk.glp_set_obj_coef(model, j + 1, float(cost[j]))
-        glpk.glp_set_col_bnds(model, j + 1, glpk.GLP_LO, 0.0, 0.0)
-    size = m * columns
-    row, column, value = glpk.intArray(size + 1), glpk.intArray(size + 1), glpk.doubleArray(size + 1)
-    for k, entry in enumerate(rows.ravel(), start=1):
-        row[k], column[k], value[k] = (k - 1) // columns + 1, (k - 1) % columns + 1, float(entry)
-    glpk.glp_load_matrix(model, size, row, column, value)
-    options = glpk.glp_smcp()
-    glpk.glp_init_smcp(options)
-    options.msg_lev = glpk.GLP_MSG_OFF
-    commands, limits = right.tolist(), these.max_on_time.tolist()
-
-    def solve(i: int) -> float:
-        for j, limit in enumerate(limits[i], start=1):
-            glpk.glp_set_col_bnds(model, j, glpk.GLP_DB if limit > 0.0 else glpk.GLP_FX, 0.0, limit)
-        for k, command in enumerate(commands[i], start=1):
-            glpk.glp_set_row_bnds(model, k, glpk.GLP_FX, command, command)
-        glpk.glp_simplex(model, options)
-        return float(glpk.glp_get_obj_val(model))
-
-    return solve
-
-
-def proximal_daqp(these: Problems, daqp: ModuleType) -> Solver:
-    """DAQP with its model kept, the linear program by proximal steps."""
-    rows, right, cost = _equations(these)
-    m, n = these.effectiveness.shape
-    columns = n + 2 * m
-    lower = np.concatenate([np.zeros((len(right), columns)), right], axis=1)
-    upper = np.concatenate([these.max_on_time, np.full((len(right), 2 * m), 1e9), right], axis=1)
-    sense = np.concatenate([np.zeros(columns), np.full(m, 5)]).astype(np.int32)
-    model = daqp.Model()
-    model.setup(np.zeros((columns, columns)), cost, rows, upper[0].copy(), lower[0].copy(), sense)
-
-    def solve(i: int) -> float:
-        model.update(bupper=upper[i], blower=lower[i])
-        return float(model.solve()[1])
-
-    return solve
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        result = work()
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    del result
+    return peak - before
 
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Measure and print this section."""
-    from benchmarks.timing import QUICK
-
     print(section_as_text(measure(QUICK if "--quick" in arguments else Effort())))
 
 
 if __name__ == "__main__":
-    import sys
-
     main(sys.argv[1:])

@@ -119,11 +119,13 @@ HEADINGS = ("what", "median", "unit", "target", "verdict", "compared in this run
 def number(value: float) -> str:
     """A figure with three significant digits or all of its whole ones, thousands apart.
 
-    >>> number(1234567.8), number(61.234), number(0.01234)
-    ('1,230,000', '61.2', '0.0123')
+    >>> number(1234567.8), number(61.234), number(0.01234), number(1.2e-10)
+    ('1,230,000', '61.2', '0.0123', '1.2e-10')
     """
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
+    if abs(value) < 1e-4:
+        return f"{value:.1e}".replace("e-0", "e-")
     digits = 2 - math.floor(math.log10(abs(value)))
     return f"{round(value, digits):,.{max(0, digits)}f}"
 
@@ -194,13 +196,13 @@ def report(
     parts = [
         "# Speed",
         "Written by `make bench`; not edited by hand. Every figure is the median of at least five "
-        "repetitions, taken in turns with what it is compared with. Compilation and construction are left "
-        "out.",
+        "repetitions, taken in turns with what it is compared with; where calls are timed one by one, the "
+        "section says of how many. Compilation and construction are left out.",
         summary,
         machine_facts(share_of_core, processor_time),
     ]
     if picture is not None:
-        parts.append(f"![Steps per second of the environments and their peers]({picture})")
+        parts.append(f"![Speed of the environments, of the mappers, and of their peers]({picture})")
     parts += [section_as_markdown(section) for section in sections]
     return "\n\n".join(parts) + "\n"
 
@@ -224,7 +226,7 @@ def machine_facts(share_of_core: float | None, processor_time: bool) -> str:
 
 LIBRARIES = (
     "thruster-envs", "numpy", "numba", "gymnasium", "stable-baselines3", "torch", "vmas", "bsk", "scipy",
-    "highspy", "swiglpk", "daqp",
+    "highspy", "swiglpk", "daqp", "clarabel",
 )  # fmt: skip
 
 

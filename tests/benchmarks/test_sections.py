@@ -54,7 +54,8 @@ def test_an_unknown_section_is_refused_by_name(capsys):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(1234567.0, "1,230,000"), (61.26, "61.3"), (0.012345, "0.0123"), (0.0, "0")]
+    ("value", "text"),
+    [(1234567.0, "1,230,000"), (61.26, "61.3"), (0.012345, "0.0123"), (0.0, "0"), (3.21e-9, "3.2e-9")],
 )
 def test_figures_have_three_digits(value, text):
     assert number(value) == text
