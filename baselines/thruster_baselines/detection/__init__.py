@@ -2,18 +2,24 @@
 
 from thruster_baselines.detection.base import BaseDetector, Interval
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
+from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
+from thruster_baselines.detection.filter_bank import FilterBank
 from thruster_baselines.detection.glr import GLRDetector
 from thruster_baselines.detection.response import ResponseTest, threshold_for
+from thruster_baselines.detection.windowed_glr import WindowedGLR
 
 __all__ = [
     "BaseDetector",
+    "CUSUMDetector",
     "EstimatorThreshold",
+    "FilterBank",
     "GLRDetector",
     "GenericChiSquared",
     "Interval",
     "ResponseTest",
     "SetChiSquared",
     "SingleChiSquared",
+    "WindowedGLR",
     "threshold_for",
 ]

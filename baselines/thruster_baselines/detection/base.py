@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.estimation import EffectivenessFilter, Innovation, PhysicalNoise
+from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -121,15 +123,15 @@ class BaseDetector(ABC):
         self._noise = noise if isinstance(noise, PhysicalNoise) else None
         if process_noise is None:
             process_noise = 0.0 if self._noise is not None else SOURCE_PROCESS_NOISE
+        form: Form = "automatic"
         if isinstance(noise, PhysicalNoise):
-            measurement = np.diag(noise.sensors)
             learns = np.any(process_noise) or (initial_covariance is not None and np.any(initial_covariance))
-            self.filter = EffectivenessFilter(
-                spacecraft, process_noise, measurement, initial_covariance, vehicles,
-                form="full" if learns else "known",
-            )  # fmt: skip
-        else:
-            self.filter = EffectivenessFilter(spacecraft, process_noise, noise, initial_covariance, vehicles)
+            form = "full" if learns else "known"
+            noise = np.diag(noise.sensors)
+        self._filter_of = partial(
+            EffectivenessFilter, spacecraft, process_noise, noise, initial_covariance, form=form
+        )
+        self.filter = self._filter_of(vehicles=vehicles)
         self._vehicles = vehicles
         self._nominal = self.filter.effectiveness[0].copy()
         m, n = self._nominal.shape
@@ -159,7 +161,7 @@ class BaseDetector(ABC):
         self.refused[mask] = 0
         self._believed[mask] = self._nominal
         self._dead[mask] = ~self._nominal.any(axis=0)
-        self.filter.reset(vehicles)
+        self._begin(mask)
         self._forget(mask)
 
     def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
@@ -188,7 +190,7 @@ class BaseDetector(ABC):
         given = np.broadcast_to(given, self._believed.shape)
         changed = (given != self._believed).any(axis=1) & mask[:, np.newaxis]
         for i in np.flatnonzero(changed.any(axis=0)):
-            self.filter.replace_column(changed[:, i], int(i) + 1, given[changed[:, i], :, i])
+            self._replace(changed[:, i], int(i) + 1, given[changed[:, i], :, i])
         self._believed[mask] = given[mask]
         self._dead[mask] = ~given[mask].any(axis=1)
         self._forget(mask)
@@ -214,6 +216,14 @@ class BaseDetector(ABC):
     @abstractmethod
     def _judge(self, interval: Interval) -> Diagnosis:
         """What to say of a checked interval."""
+
+    def _begin(self, mask: BoolArray) -> None:
+        """Go back to the first estimate in the vehicles of a mask (vehicles,)."""
+        self.filter.reset(mask)
+
+    def _replace(self, mask: BoolArray, thruster: int, columns: FloatArray) -> None:
+        """Believe columns (vehicles in the mask, m) of a thruster, numbered from 1."""
+        self.filter.replace_column(mask, thruster, columns)
 
     def _forget(self, mask: BoolArray) -> None:  # noqa: B027 - most detectors gather nothing
         """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""

@@ -169,17 +169,21 @@ class EffectivenessFilter:
     @property
     def covariance(self) -> FloatArray:
         """(vehicles, m n, m n): of the entries of the estimate, columns stacked; a copy in any form."""
+        return np.stack([self.covariance_of(vehicle) for vehicle in range(self._vehicles)])
+
+    def covariance_of(self, vehicle: int) -> FloatArray:
+        """(m n, m n): of the entries of one vehicle's estimate, columns stacked; its index is from 0."""
         m, n = self._nominal.shape
         if self.form == "known":
-            return np.zeros((self._vehicles, m * n, m * n))
+            return np.zeros((m * n, m * n))
         if self.form == "shared":
-            return np.stack([np.kron(one, np.eye(m)) for one in self._covariance])
+            return np.kron(self._covariance[vehicle], np.eye(m))
         if self.form == "by_axis":
-            whole = np.zeros((self._vehicles, n, m, n, m))
+            whole = np.zeros((n, m, n, m))
             for k in range(m):
-                whole[:, :, k, :, k] = self._covariance[:, k]
-            return whole.reshape(self._vehicles, m * n, m * n)
-        return self._covariance.copy()
+                whole[:, k, :, k] = self._covariance[vehicle, k]
+            return whole.reshape(m * n, m * n)
+        return np.array(self._covariance[vehicle])
 
     def update(
         self,

@@ -1,0 +1,282 @@
+"""A bank of filters: one for each thing that may be wrong, and how probable each of them is by now.
+
+Beside the filter that takes all thrusters as sound there are three for each thruster, which believe that it
+gives nothing, that it gives a stated share of its thrust, and that it is open all the time. They differ in
+the on-times that they take to have been delivered; each learns the effectiveness for itself. After an
+interval the weight of each is multiplied by the likelihood of its residual e_j with its covariance Y_j,
+
+    log w_j <- log w_j - (e_j' Y_j^-1 e_j + log det Y_j) / 2,
+
+and all are scaled to sum to one (Magill 1965). Weights are kept as logarithms, since they fall by hundreds of
+orders of magnitude, and never below a floor, since a thruster that was sound for an hour may still fail.
+
+Of the mixture of all filters, `mixture` gives mean and covariance of what the thrusters do per second of
+command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001, section
+1.4.16).
+
+Tuning knobs: the threshold on the log-odds of any fault against none; the floor, which says how much evidence
+a new fault has to gather first; the share of the weak hypothesis. The statistic is the log-odds, and zero
+where no fault is at least as probable. Costs three filters per thruster.
+
+Left out: several faults at once, shares between those of the hypotheses (the nearest wins), the coupling of a
+thruster that opens in part.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
+from thruster_baselines.estimation import PhysicalNoise
+from thruster_baselines.mapping.coupling import Coupling, convert
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["FilterBank"]
+
+KINDS = ("off", "weak", "on")
+"""What a hypothesis says of its thruster; hypothesis 0 is no fault, 1 + 3 i + kind is of thruster index i."""
+
+
+class FilterBank(BaseDetector):
+    """Blames the thruster of which some fault is the most probable.
+
+    Args:
+        spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        threshold: Of the log-odds of a fault against none.
+        weak_share: What share of its thrust a weak thruster gives, between 0 and 1.
+        fault_probability: Of any fault, before anything is measured; all hypotheses have the same part of it.
+        floor: What no weight falls below.
+        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
+        process_noise: Variance that each entry of the effectiveness gains per update.
+        initial_covariance: Variance of the entries at the start.
+        coupling: Share of thrust lost per further thruster open, or a loss curve.
+        vehicles: How many are watched.
+
+    Attributes:
+        log_weights: (vehicles, 1 + 3 n): no fault, then off, weak and on of each thruster.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+
+    >>> detector = FilterBank("orion", threshold=5.0, noise=PhysicalNoise("orion"), coupling=0.0)
+    >>> gave = np.full(12, 0.1) * (np.arange(12) != 4)
+    >>> for _ in range(4):
+    ...     diagnosis = detector.update(np.full(12, 0.1), detector.filter.effectiveness[0] @ gave, 1.0)
+    >>> diagnosis.thruster, detector.kind
+    (array([5]), ['off'])
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        threshold: float,
+        *,
+        weak_share: float = 0.5,
+        fault_probability: float = 1e-3,
+        floor: float = 1e-9,
+        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
+        process_noise: ArrayLike | None = None,
+        initial_covariance: ArrayLike | None = None,
+        coupling: Coupling | None = None,
+        vehicles: int = 1,
+    ) -> None:
+        for name, value in (("weak_share", weak_share), ("fault_probability", fault_probability)):
+            if not 0.0 < value < 1.0:
+                raise ValueError(f"{name} is {value}; between 0 and 1 would be right")
+        self.weak_share, self._fault_probability, self._floor = weak_share, fault_probability, floor
+        super().__init__(
+            spacecraft, threshold, noise=noise, process_noise=process_noise,
+            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+        )  # fmt: skip
+        hypotheses = self.log_weights.shape[1]
+        if not 0.0 < floor < 1.0 / hypotheses:
+            raise ValueError(
+                f"floor is {floor}; above 0 and below 1 / {hypotheses}, as there are so many hypotheses, "
+                "would be right"
+            )
+
+    def _begin(self, mask: BoolArray) -> None:
+        super()._begin(mask)
+        count, _, n = self._believed.shape
+        each = len(KINDS) * n
+        if mask.all():
+            self._bank = self._filter_of(vehicles=count * each)
+        else:
+            self._bank.reset(np.repeat(mask, each))
+
+    def _replace(self, mask: BoolArray, thruster: int, columns: FloatArray) -> None:
+        super()._replace(mask, thruster, columns)
+        each = len(KINDS) * self._believed.shape[2]
+        self._bank.replace_column(np.repeat(mask, each), thruster, np.repeat(columns, each, axis=0))
+
+    def _forget(self, mask: BoolArray) -> None:
+        count, _, n = self._believed.shape
+        if mask.all():
+            self.log_weights: FloatArray = np.empty((count, 1 + len(KINDS) * n))
+        alive = np.repeat(~self._dead[mask], len(KINDS), axis=1)
+        number = np.maximum(alive.sum(axis=1, keepdims=True), 1)
+        with np.errstate(divide="ignore"):  # the hypotheses of a dead thruster: out for good
+            self.log_weights[mask, 1:] = np.log(np.where(alive, self._fault_probability / number, 0.0))
+        self.log_weights[mask, 0] = np.log1p(-self._fault_probability)
+
+    @property
+    def probability(self) -> FloatArray:
+        """(vehicles, 1 + 3 n): no fault, then off, weak and on of each thruster."""
+        return np.exp(self.log_weights)
+
+    @property
+    def kind(self) -> list[str]:
+        """What is the most probable of each vehicle: none, off, weak or on."""
+        best = self.log_weights.argmax(axis=1)
+        return [KINDS[(h - 1) % len(KINDS)] if h > 0 else "none" for h in best]
+
+    def mixture(self, vehicle: int = 0) -> tuple[FloatArray, FloatArray]:
+        """What the thrusters of a vehicle give for each second of command.
+
+        A thruster that is off or stuck open gives nothing for a command, a weak one its share.
+
+        Args:
+            vehicle: Its index, from 0.
+
+        Returns:
+            The mean (m, n), m/s^2 then rad/s^2, and the covariance (m n, m n) of its columns stacked.
+        """
+        m, n = self._nominal.shape
+        each = len(KINDS) * n
+        weights = self.probability[vehicle]
+        means, within = np.empty((1 + each, m * n)), np.zeros((m * n, m * n))
+        for h in range(1 + each):
+            at = vehicle * each + h - 1
+            estimate = self.filter.effectiveness[vehicle] if h == 0 else self._bank.effectiveness[at]
+            scale = np.ones(n)
+            if h > 0:
+                scale[(h - 1) // len(KINDS)] = self.weak_share if (h - 1) % len(KINDS) == 1 else 0.0
+            means[h] = (estimate * scale).T.reshape(-1)
+            covariance = self.filter.covariance_of(vehicle) if h == 0 else self._bank.covariance_of(at)
+            by_entry = np.repeat(scale, m)
+            within += weights[h] * covariance * np.outer(by_entry, by_entry)
+        mean = weights @ means
+        spread = means - mean
+        return mean.reshape(n, m).T, within + (spread.T * weights) @ spread
+
+    def _judge(self, interval: Interval) -> Diagnosis:
+        count, n = interval.on_times.shape
+        each = len(KINDS) * n
+        delivered = np.empty((count, each, n))
+        _hypothetical(
+            interval.commanded, interval.on_times, interval.duration, self._shares, self.weak_share, delivered
+        )
+        rows = delivered.reshape(count * each, n)
+        noise = None if self._noise is None else self._noise.of_rows(rows)
+        innovation = self._bank.advance(
+            rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
+        )
+        suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
+        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
+        _weigh(
+            interval.residual, interval.covariance, innovation.residual, innovation.covariance,
+            interval.valid, interval.on_times, interval.duration, self.weak_share, np.log(self._floor),
+            self.log_weights, suspicion, shortfall, statistic, blamed,
+        )  # fmt: skip
+        return self._answer(statistic, blamed, suspicion, shortfall)
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _hypothetical(
+    commanded: FloatArray,
+    effective: FloatArray,
+    duration: float,
+    shares: FloatArray,
+    weak: float,
+    delivered: FloatArray,
+) -> None:
+    """Effective on-times (vehicles, 3 n, n) under each hypothesis."""
+    n = commanded.shape[1]
+    order = np.empty(n, np.int64)
+    for v in range(commanded.shape[0]):
+        told = commanded[v].copy()
+        for i in range(n):
+            own = told[i]
+            told[i] = 0.0
+            convert(told, shares, order, True, delivered[v, 3 * i])
+            told[i] = duration
+            convert(told, shares, order, True, delivered[v, 3 * i + 2])
+            told[i] = own
+            for other in range(n):
+                delivered[v, 3 * i + 1, other] = effective[v, other]
+            delivered[v, 3 * i + 1, i] *= weak
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _weigh(
+    sound_residual: FloatArray,
+    sound_covariance: FloatArray,
+    residual: FloatArray,
+    covariance: FloatArray,
+    valid: BoolArray,
+    on_times: FloatArray,
+    duration: float,
+    weak: float,
+    floor: float,
+    log_weights: FloatArray,
+    suspicion: FloatArray,
+    shortfall: FloatArray,
+    statistic: FloatArray,
+    blamed: IntArray,
+) -> None:
+    m, n = sound_residual.shape[1], on_times.shape[1]
+    root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
+    for v in range(on_times.shape[0]):
+        if not valid[v]:
+            continue
+        weights = log_weights[v]
+        for h in range(1 + 3 * n):
+            if h == 0:
+                whiten(sound_covariance[v], sound_residual[v], none, root, e, a)
+            else:
+                at = v * 3 * n + h - 1
+                whiten(covariance[at], residual[at], none, root, e, a)
+            for k in range(m):
+                weights[h] -= 0.5 * e[k] * e[k] + np.log(root[k, k])
+        _normalise(weights)
+        for h in range(weights.size):
+            if weights[h] > -np.inf:
+                weights[h] = max(weights[h], floor)
+        _normalise(weights)
+        any_fault = 0.0
+        for i in range(n):
+            own = 0.0
+            for kind in range(3):
+                own += np.exp(weights[1 + 3 * i + kind])
+            if own == 0.0:
+                continue
+            any_fault += own
+            suspicion[v, i] = max(np.log(own) - weights[0], 0.0)
+            spare = on_times[v, i] - duration
+            expected = np.exp(weights[1 + 3 * i]) * on_times[v, i]
+            expected += np.exp(weights[2 + 3 * i]) * (1.0 - weak) * on_times[v, i]
+            expected += np.exp(weights[3 + 3 * i]) * spare
+            shortfall[v, i] = expected / own
+            if suspicion[v, i] > 0.0 and (blamed[v] == 0 or suspicion[v, i] > suspicion[v, blamed[v] - 1]):
+                blamed[v] = i + 1
+        if any_fault > 0.0:
+            statistic[v] = max(np.log(any_fault) - weights[0], 0.0)
+
+
+@njit(error_model="numpy")
+def _normalise(log_weights: FloatArray) -> None:
+    """Make the weights sum to one."""
+    largest = -np.inf
+    for h in range(log_weights.size):
+        largest = max(largest, log_weights[h])
+    total = 0.0
+    for h in range(log_weights.size):
+        total += np.exp(log_weights[h] - largest)
+    shift = largest + np.log(total)
+    for h in range(log_weights.size):
+        log_weights[h] -= shift

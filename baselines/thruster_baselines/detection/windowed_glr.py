@@ -1,0 +1,216 @@
+"""The generalised likelihood ratio over a window: who failed, how, how badly, and since when.
+
+Willsky and Jones (1976) put two more unknowns into the likelihood ratio than the test of one interval has:
+the interval j in which the fault began, somewhere among the last W, and a size that is the same since then.
+Here a fault of thruster i either loses the share q of its thrust, or lets the share q of full thrust through
+while the thruster was told to be shut (a stuck valve for q = 1, a leak below). In interval t with the
+effective on-time u_ti and the duration T_t it adds q f_ti to the residual, with
+
+    f_ti = -u_ti a_i   (loss),        f_ti = (T_t - u_ti) a_i   (thrust without command).
+
+With c = sum over t >= j of f_ti' Y_t^-1 e_t and s the same sum of f_ti' Y_t^-1 f_ti, the likelihood is
+largest at q = c / s, cut to what a share can be, which is 0 to 1, and twice its logarithm against no fault
+is 2 q c - q^2 s. The largest over thrusters, the two kinds and the onsets is the statistic.
+
+Tuning knobs: the threshold, and the window. A longer one finds smaller faults, and takes longer to forget the
+time before the onset of a fault that it had ruled out; one interval alone is `GLRDetector` with its signs
+and sizes held to what is possible.
+
+Exact where the filter does not learn, which is the default with `PhysicalNoise`; a filter that learns takes
+part of a lasting fault into its estimate, and the window sees that much less of it. Left out: that
+consecutive rate changes share a velocity measurement, so that their errors partly cancel in the sum.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
+from thruster_baselines.estimation import PhysicalNoise
+from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["EXCESS", "LOSS", "WindowedGLR", "evidence"]
+
+LOSS, EXCESS = 0, 1
+
+
+class WindowedGLR(BaseDetector):
+    """Blames the thruster whose lasting fault, begun within the window, is the likeliest.
+
+    Args:
+        spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
+        threshold: Of twice the log-likelihood ratio, dimensionless.
+        window: How many of the last measured intervals are looked back on.
+        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
+        process_noise: Variance that each entry of the effectiveness gains per update.
+        initial_covariance: Variance of the entries at the start.
+        coupling: Share of thrust lost per further thruster open, or a loss curve.
+        vehicles: How many are watched.
+
+    Attributes:
+        onset: (vehicles,), s since the reset: the likeliest beginning of the fault of the thruster that is
+            the most suspicious in the last interval; meaningless where the statistic is zero.
+        excess: (vehicles,), whether that fault is thrust without command; otherwise it is a loss.
+        share: (vehicles,), its likeliest size, 0 to 1.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+
+    >>> detector = WindowedGLR("orion", threshold=30.0, noise=PhysicalNoise("orion"), coupling=0.0)
+    >>> for interval in range(8):
+    ...     weak = np.full(12, 0.1)
+    ...     weak[2] *= 0.2 if interval >= 3 else 1.0
+    ...     diagnosis = detector.update(np.full(12, 0.1), detector.filter.effectiveness[0] @ weak, 1.0)
+    >>> diagnosis.thruster, detector.onset, detector.share.round(3), detector.excess
+    (array([3]), array([3.]), array([0.8]), array([False]))
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | ArrayLike,
+        threshold: float,
+        window: int = 10,
+        *,
+        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
+        process_noise: ArrayLike | None = None,
+        initial_covariance: ArrayLike | None = None,
+        coupling: Coupling | None = None,
+        vehicles: int = 1,
+    ) -> None:
+        if window < 1:
+            raise ValueError(f"window is {window}; one interval or more would be right")
+        self.window = window
+        super().__init__(
+            spacecraft, threshold, noise=noise, process_noise=process_noise,
+            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+        )  # fmt: skip
+
+    def _forget(self, mask: BoolArray) -> None:
+        if mask.all():
+            count, _, n = self._believed.shape
+            self._sums: FloatArray = np.zeros((count, self.window, 4, n))
+            self._starts: FloatArray = np.zeros((count, self.window))
+            self._filled: IntArray = np.zeros((count, 2), np.int64)  # how many there are, where the next goes
+            self.onset: FloatArray = np.zeros(count)
+            self.share: FloatArray = np.zeros(count)
+            self.excess: BoolArray = np.zeros(count, np.bool_)
+            return
+        self._filled[mask] = 0
+        self.onset[mask], self.share[mask], self.excess[mask] = 0.0, 0.0, False
+
+    def _judge(self, interval: Interval) -> Diagnosis:
+        count, n = interval.on_times.shape
+        ratio, shortfall = np.zeros((count, n)), np.zeros((count, n))
+        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
+        _over_the_window(
+            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
+            interval.on_times, interval.duration, self.time, self._sums, self._starts, self._filled,
+            ratio, shortfall, statistic, blamed, self.onset, self.share, self.excess,
+        )  # fmt: skip
+        return self._answer(statistic, blamed, ratio, shortfall)
+
+
+@njit(error_model="numpy")
+def evidence(
+    residual: FloatArray,
+    covariance: FloatArray,
+    effectiveness: FloatArray,
+    on_times: FloatArray,
+    duration: float,
+    root: FloatArray,
+    e: FloatArray,
+    a: FloatArray,
+    row: FloatArray,
+) -> None:
+    """What one interval says of a fault of size one of each thruster: c and s of both kinds.
+
+    Args:
+        residual: (m,).
+        covariance: (m, m).
+        effectiveness: (m, n).
+        on_times: (n,), s, effective.
+        duration: s.
+        root: (m, m), scratch.
+        e: (m,), scratch.
+        a: (m, n), scratch.
+        row: (4, n), written: c and s of a loss, c and s of thrust without command.
+    """
+    m, n = effectiveness.shape
+    whiten(covariance, residual, effectiveness, root, e, a)
+    for i in range(n):
+        row[0, i] = row[1, i] = 0.0
+    for k in range(m):
+        for i in range(n):
+            row[0, i] += a[k, i] * e[k]
+            row[1, i] += a[k, i] * a[k, i]
+    for i in range(n):
+        along, square = row[0, i], row[1, i]
+        spare = max(duration - on_times[i], 0.0)
+        row[0, i] = -on_times[i] * along
+        row[1, i] = on_times[i] ** 2 * square
+        row[2, i] = spare * along
+        row[3, i] = spare**2 * square
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _over_the_window(
+    residual: FloatArray,
+    covariance: FloatArray,
+    effectiveness: FloatArray,
+    valid: BoolArray,
+    dead: BoolArray,
+    on_times: FloatArray,
+    duration: float,
+    time: FloatArray,
+    sums: FloatArray,
+    starts: FloatArray,
+    filled: IntArray,
+    ratio: FloatArray,
+    shortfall: FloatArray,
+    statistic: FloatArray,
+    blamed: IntArray,
+    onset: FloatArray,
+    share: FloatArray,
+    excess: BoolArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    window = sums.shape[1]
+    root, e, a, total = np.empty((m, m)), np.empty(m), np.empty((m, n)), np.empty((4, n))
+    for v in range(residual.shape[0]):
+        if not valid[v]:
+            continue
+        slot = filled[v, 1]
+        evidence(
+            residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, sums[v, slot]
+        )
+        starts[v, slot] = time[v] - duration
+        filled[v, 0] = min(filled[v, 0] + 1, window)
+        filled[v, 1] = (slot + 1) % window
+        for r in range(4):
+            for i in range(n):
+                total[r, i] = 0.0
+        for back in range(filled[v, 0]):
+            past = (slot - back) % window
+            for r in range(4):
+                for i in range(n):
+                    total[r, i] += sums[v, past, r, i]
+            for kind in range(2):
+                for i in range(n):
+                    c, s = total[2 * kind, i], total[2 * kind + 1, i]
+                    if c <= 0.0 or dead[v, i]:
+                        continue
+                    q = min(c / s, 1.0)
+                    found = q * (2.0 * c - q * s)
+                    if found <= ratio[v, i]:
+                        continue
+                    ratio[v, i] = found
+                    shortfall[v, i] = q * (on_times[v, i] if kind == LOSS else on_times[v, i] - duration)
+                    if found > statistic[v]:
+                        statistic[v], blamed[v] = found, i + 1
+                        onset[v], share[v], excess[v] = starts[v, past], q, kind == EXCESS
