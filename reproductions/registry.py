@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import partial
 
 import reproductions
 from reproductions.record import Effort, Reproduction
@@ -72,13 +73,9 @@ def chosen(names: list[str], known: dict[str, Reproduction]) -> list[Reproductio
 def fingerprint(reproduction: Reproduction, effort: Effort) -> str:
     """Of the effort, of what is said of the source, and of the text of the module; not of what it imports."""
     said = {key: value for key, value in vars(reproduction).items() if key != "run"}
-    module = sys.modules[inspect.unwrap(_plain(reproduction.run)).__module__]
-    settings = json.dumps([asdict(effort), said], sort_keys=True) + inspect.getsource(module)
-    return hashlib.sha256(settings.encode()).hexdigest()[:16]
-
-
-def _plain(run: object) -> object:
-    """The function under any `functools.partial`."""
-    while hasattr(run, "func"):
+    run = reproduction.run
+    while isinstance(run, partial):
         run = run.func
-    return run
+    text = inspect.getsource(sys.modules[run.__module__])
+    settings = json.dumps([asdict(effort), said, text], sort_keys=True)
+    return hashlib.sha256(settings.encode()).hexdigest()[:16]

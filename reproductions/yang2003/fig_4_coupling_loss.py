@@ -33,8 +33,8 @@ def coupling_loss(effort: Effort) -> Finding:
     fired = fire(np.tile(open_thrusters, (-(-effort.samples // COUNT), 1, 1)))
     shares = [fired[:, count - 1, :count] for count in range(1, COUNT + 1)]
     believed = 1.0 - delivered_on_times(open_thrusters, ORION.feed.coupling)[:, 0]
-    law = REPORTED_SLOPE * np.arange(COUNT)
-    mean_loss = np.array([1.0 - float(share.mean()) for share in shares])
+    law: FloatArray = REPORTED_SLOPE * np.arange(COUNT, dtype=np.float64)
+    mean_loss: FloatArray = np.array([1.0 - share.mean() for share in shares])
     error = np.array([share.std() / np.sqrt(share.size) for share in shares])
     scatter = np.array(
         [np.abs(share / (1.0 - loss) - 1.0).max() for share, loss in zip(shares, law, strict=True)]
