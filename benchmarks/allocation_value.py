@@ -74,15 +74,15 @@ def rows(requests: int) -> tuple[list[Row], str]:
         value = found[VEHICLES[0], "minimum norm and shift", case]
         lines.append(
             Row(
-                f"minimum norm and shift, thruster-seconds, {case}", float(np.median(value.burnt)),
-                "times the LP's", note=f"quartiles {_quartiles(value.burnt)}", charted=True,
+                f"minimum norm and shift burns, {case}", float(np.median(value.burnt)),
+                "times the LP's", note=f"thruster-seconds; quartiles {_quartiles(value.burnt)}", charted=True,
             )
         )  # fmt: skip
     value = found[VEHICLES[0], "minimum norm and shift", CASES[1]]
     lines.append(
         Row(
-            f"minimum norm and shift, wrench error, {CASES[1]}", 100.0 * float(np.median(value.error)), "%",
-            note=f"quartiles {_quartiles(100.0 * value.error)} %; the LP's is 0",
+            f"minimum norm and shift misses, {CASES[1]}", 100.0 * float(np.median(value.error)), "%",
+            note=f"wrench error; quartiles {_quartiles(100.0 * value.error)} %; the LP's is 0",
         )
     )  # fmt: skip
     return lines, _table(found)

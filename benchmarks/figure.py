@@ -12,8 +12,8 @@ MEANINGS = {
     "steps/s": "environment steps per second",
     "µs": "µs for one command (less is better)",
     "LP/s": "linear programs per second",
-    "plain solves": "time in plain linear programs on the same commands (less is better)",
-    "times the LP's": "what they burn, in what the linear program burns",
+    "plain solves": "time in plain linear programs (less is better)",
+    "times the LP's": "thruster-seconds over the linear program's",
 }
 OURS, OTHERS, TARGET = "#1f6f8b", "#b7bdc2", "#c0392b"
 

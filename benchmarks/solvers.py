@@ -30,8 +30,8 @@ EXACT = 1e-8
 """Relative difference of an objective from the least below which a problem counts as solved."""
 
 ABOUT = f"""\
-*Peers* get the same problems, and each call is timed by itself. What counts as solved is an objective within
-{number(EXACT)} of the least. highspy (*warm*) and GLPK keep their model and start from their last basis;
+*Peers* get the same problems, and each call is timed once, by itself. What counts as solved is an objective
+within {number(EXACT)} of the least. highspy (*warm*) and GLPK keep their model and start from their last basis;
 highspy (*cold*) is passed the model anew; Clarabel, DAQP and the two least-squares maps keep their model and
 have nothing to start from; scipy's `linprog` builds its model anew. DAQP, a solver of quadratic programs,
 takes the linear one by proximal steps. Clarabel's tolerances are 1e-11, the others' as they come. NNLS and
