@@ -6,6 +6,12 @@ from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
 from thruster_baselines.detection.filter_bank import FilterBank
 from thruster_baselines.detection.glr import GLRDetector
+from thruster_baselines.detection.identification import (
+    Identification,
+    ModelComparison,
+    Severity,
+    least_squares_severity,
+)
 from thruster_baselines.detection.response import ResponseTest, threshold_for
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -16,10 +22,14 @@ __all__ = [
     "FilterBank",
     "GLRDetector",
     "GenericChiSquared",
+    "Identification",
     "Interval",
+    "ModelComparison",
     "ResponseTest",
     "SetChiSquared",
+    "Severity",
     "SingleChiSquared",
     "WindowedGLR",
+    "least_squares_severity",
     "threshold_for",
 ]

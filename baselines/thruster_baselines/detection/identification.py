@@ -1,0 +1,274 @@
+"""What is wrong with a thruster that a detector has named: model comparison, and a severity by least squares.
+
+Model comparison (Yang 2003, section 5.4) asks which of a few models of the fault leaves the smallest
+residual: for each one the rate change is predicted, and the squared distance from what was measured, weighed
+by the inverse of the detector's covariance Y, is its statistic. The models of thruster i, with its effective
+on-time u_i in an interval of length T:
+
+- no fault;
+- stuck off: its on-time is 0;
+- loss: it gives a share d of its thrust, for each of a few levels d;
+- leak: it lets a share of full thrust through while it is shut, for each of a few levels;
+- stuck on: it fires for all of T. The source takes the longest on-time that may be commanded, 5 s, even where
+  the interval is 1 s (Yang 2003, eq. 104); an interval cannot hold more than its own length.
+
+What cannot be told from no fault in this interval, a loss of a thruster that was not fired, a leak of one
+that fired all the time, is left out, with an infinite statistic. With a dead valve the others get more from
+the shared feed, and with one stuck open less; both are in the prediction.
+
+Least squares beside it puts no levels on the size: the share that fits the residual best, with its standard
+deviation as far as Y is the covariance of the residual, cut to what is possible.
+
+Left out: faults that turn a thrust or come late, which none of the models fits; look at `statistic` then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from thruster_baselines.detection.base import Interval, whiten
+from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["Identification", "ModelComparison", "Severity", "least_squares_severity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What the comparison says of each vehicle.
+
+    Attributes:
+        kind: (vehicles,). `none`, or a kind of `thruster_envs.faults.KINDS`; `none` also where no thruster
+            was named or nothing was measured.
+        severity: (vehicles,). Of the best model, as `thruster_envs.faults.Fault` has it: the share lost, or
+            the opening of a closed valve; 0 for `none`.
+        statistic: (vehicles, models). Of each model in the order of `ModelComparison.models`; infinite where
+            it cannot be told from no fault; zeros where there was nothing to compare.
+    """
+
+    kind: tuple[str, ...]
+    severity: FloatArray
+    statistic: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Severity:
+    """Least-squares size of a fault of the named thruster, of each vehicle.
+
+    Attributes:
+        loss: (vehicles,). Share of its thrust that it has lost, 0 to 1.
+        loss_deviation: (vehicles,). Standard deviation of the loss before it was cut; infinite where the
+            thruster was not fired.
+        opening: (vehicles,). Share of full thrust that comes while it is shut, 0 to 1.
+        opening_deviation: (vehicles,). Infinite where it was never shut.
+    """
+
+    loss: FloatArray
+    loss_deviation: FloatArray
+    opening: FloatArray
+    opening_deviation: FloatArray
+
+
+class ModelComparison:
+    """Says how a thruster fails, from the interval in which a detector named it.
+
+    Args:
+        spacecraft: Description, name or path, for the coupling; or the number of thrusters.
+        losses: Shares lost of the partial models, each above 0 and below 1.
+        openings: Openings of the leak models, each above 0 and below 1.
+        coupling: Share of thrust lost per further thruster open, or a loss curve; by default that of the
+            spacecraft.
+
+    Attributes:
+        models: (kind, severity) of each model, in order.
+
+    Raises:
+        ValueError: A level that cannot be.
+
+    >>> from thruster_baselines.detection import GLRDetector
+    >>> detector = GLRDetector("orion")
+    >>> told = 2.0 * np.eye(12)[4]
+    >>> half = detector.filter.effectiveness[0] @ (0.5 * told)
+    >>> diagnosis = detector.update(told, half, duration=5.0)
+    >>> answer = ModelComparison("orion", losses=(0.25, 0.5, 0.75))(detector.last, diagnosis.thruster)
+    >>> answer.kind, answer.severity
+    (('loss',), array([0.5]))
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path | int,
+        losses: Sequence[float] = (0.2, 0.4, 0.6, 0.8),
+        openings: Sequence[float] = (0.2, 0.4, 0.6, 0.8),
+        coupling: Coupling | None = None,
+    ) -> None:
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        if isinstance(spacecraft, Spacecraft):
+            coupling = spacecraft.feed.coupling if coupling is None else coupling
+            spacecraft = spacecraft.number_of_thrusters
+        self._shares = thrust_shares(0.0 if coupling is None else coupling, spacecraft)
+        for name, levels in (("losses", losses), ("openings", openings)):
+            for level in levels:
+                if not 0.0 < level < 1.0:
+                    raise ValueError(f"{name} has the level {level}; a share between 0 and 1 would be right")
+        self.models: tuple[tuple[str, float], ...] = (
+            ("none", 0.0), ("stuck_off", 1.0), ("stuck_on", 1.0),
+            *(("loss", float(level)) for level in losses),
+            *(("leak", float(level)) for level in openings),
+        )  # fmt: skip
+        codes = {"none": 0, "stuck_off": 1, "stuck_on": 2, "loss": 3, "leak": 4}
+        self._codes = np.array([codes[kind] for kind, _ in self.models])
+        self._levels = np.array([level for _, level in self.models])
+
+    def __call__(self, interval: Interval, thruster: ArrayLike) -> Identification:
+        """Compare the models in one interval.
+
+        Args:
+            interval: `BaseDetector.last`: what was told and measured, and what was believed before.
+            thruster: (vehicles,), the named one, from 1; 0 for none.
+
+        Raises:
+            ValueError: A thruster that does not exist.
+        """
+        named = _named(interval, thruster)
+        count = named.size
+        statistic = np.zeros((count, self._codes.size))
+        best = np.zeros(count, np.int64)
+        _compare(
+            interval.rate_change, interval.commanded, interval.effectiveness, interval.covariance,
+            interval.valid & (named > 0), named - 1, interval.duration, self._shares, self._codes,
+            self._levels, statistic, best,
+        )  # fmt: skip
+        return Identification(tuple(self.models[one][0] for one in best), self._levels[best], statistic)
+
+
+def least_squares_severity(interval: Interval, thruster: ArrayLike) -> Severity:
+    """The size of a loss, and of thrust without command, that fit the residual best.
+
+    With the thruster's column a, nu = a' Y^-1 e / (a' Y^-1 a) is the number of seconds of its thrust that the
+    residual e amounts to, of variance 1 / (a' Y^-1 a). A loss is -nu over its effective on-time, an opening
+    is nu over the time that it was shut.
+
+    Args:
+        interval: `BaseDetector.last`.
+        thruster: (vehicles,), from 1; 0 for none, which gives zeros of infinite deviation.
+
+    Raises:
+        ValueError: A thruster that does not exist.
+    """
+    named = _named(interval, thruster)
+    seconds, variance = np.zeros(named.size), np.full(named.size, np.inf)
+    _seconds(
+        interval.residual, interval.covariance, interval.effectiveness, interval.valid & (named > 0),
+        named - 1, seconds, variance,
+    )  # fmt: skip
+    rows = np.arange(named.size)
+    fired = interval.on_times[rows, named - 1]
+    spare = interval.duration - interval.commanded[rows, named - 1]
+    sizes = []
+    for missing, time in ((-seconds, fired), (seconds, spare)):
+        there = time > 0.0
+        per_second = np.where(there, 1.0 / np.where(there, time, 1.0), 0.0)
+        deviation = np.where(there, np.sqrt(variance) * np.where(there, per_second, 1.0), np.inf)
+        sizes += [np.clip(missing * per_second, 0.0, 1.0), deviation]
+    return Severity(*sizes)
+
+
+def _named(interval: Interval, thruster: ArrayLike) -> IntArray:
+    named = np.asarray(thruster, dtype=np.int64)
+    count, n = interval.on_times.shape
+    if named.shape != (count,) or (named < 0).any() or (named > n).any():
+        raise ValueError(f"thruster is {named.tolist()}; {count} numbers from 0 to {n} would be right")
+    return named
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _compare(
+    measured: FloatArray,
+    commanded: FloatArray,
+    effectiveness: FloatArray,
+    covariance: FloatArray,
+    there: BoolArray,
+    named: IntArray,
+    duration: float,
+    shares: FloatArray,
+    codes: IntArray,
+    levels: FloatArray,
+    statistic: FloatArray,
+    best: IntArray,
+) -> None:
+    m, n = effectiveness.shape[1:]
+    order = np.empty(n, np.int64)
+    delivered = np.empty((3, n))  # as told, shut, open all the time
+    rest, root, e = np.empty(m), np.empty((m, m)), np.empty(m)
+    a, none = np.empty((m, 0)), np.empty((m, 0))
+    for v in range(measured.shape[0]):
+        if not there[v]:
+            continue
+        i = named[v]
+        told = commanded[v].copy()
+        own = told[i]
+        convert(told, shares, order, True, delivered[0])
+        told[i] = 0.0
+        convert(told, shares, order, True, delivered[1])
+        told[i] = duration
+        convert(told, shares, order, True, delivered[2])
+        for model in range(codes.size):
+            code, level = codes[model], levels[model]
+            if (code in (1, 3) and own == 0.0) or (code in (2, 4) and own >= duration):
+                statistic[v, model] = np.inf
+                continue
+            for k in range(m):
+                rest[k] = measured[v, k]
+                for j in range(n):
+                    seconds = delivered[0, j]
+                    if code == 1:
+                        seconds = delivered[1, j]
+                    elif code == 2:
+                        seconds = delivered[2, j]
+                    elif code == 3 and j == i:
+                        seconds *= 1.0 - level
+                    elif code == 4:
+                        seconds += level * (delivered[2, j] - delivered[0, j])
+                    rest[k] -= effectiveness[v, k, j] * seconds
+            whiten(covariance[v], rest, none, root, e, a)
+            total = 0.0
+            for k in range(m):
+                total += e[k] * e[k]
+            statistic[v, model] = total
+            if total < statistic[v, best[v]]:
+                best[v] = model
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _seconds(
+    residual: FloatArray,
+    covariance: FloatArray,
+    effectiveness: FloatArray,
+    there: BoolArray,
+    named: IntArray,
+    seconds: FloatArray,
+    variance: FloatArray,
+) -> None:
+    m = residual.shape[1]
+    root, e, a, column = np.empty((m, m)), np.empty(m), np.empty((m, 1)), np.empty((m, 1))
+    for v in range(residual.shape[0]):
+        if not there[v]:
+            continue
+        column[:, 0] = effectiveness[v, :, named[v]]
+        whiten(covariance[v], residual[v], column, root, e, a)
+        along, square = 0.0, 0.0
+        for k in range(m):
+            along += a[k, 0] * e[k]
+            square += a[k, 0] * a[k, 0]
+        if square > 0.0:
+            seconds[v] = along / square
+            variance[v] = 1.0 / square
