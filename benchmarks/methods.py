@@ -55,8 +55,8 @@ in one batch on one thread. The coupling is that of Orion's feed for every vehic
 the period. A compensator *reaches* a command if what its on-times deliver, with the loss, is what the linear
 program would give without one, to 1e-3 of it (its tolerance) or to {number(EXACT)}; where that takes all of
 the period, none can. Mappers of all sorts are also timed by their public call, each command by itself and
-twice; the median is the mean of those of the three kinds. They *solve* a command if their weighed miss is the linear
-program's to {number(EXACT)} of the command; they may burn more for it."""
+twice; the median is the mean of those of the three kinds. They *solve* a command if their weighed miss is the
+linear program's to {number(EXACT)} of the command; they may burn more for it."""
 
 FEW = 200
 """Commands of each kind for mappers that take a millisecond."""

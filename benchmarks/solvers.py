@@ -31,10 +31,10 @@ EXACT = 1e-8
 
 ABOUT = f"""\
 *Peers* get the same problems, and each call is timed once, by itself. What counts as solved is an objective
-within {number(EXACT)} of the least. highspy (*warm*) and GLPK keep their model and start from their last basis;
-highspy (*cold*) is passed the model anew; Clarabel, DAQP and the two least-squares maps keep their model and
-have nothing to start from; scipy's `linprog` builds its model anew. DAQP, a solver of quadratic programs,
-takes the linear one by proximal steps. Clarabel's tolerances are 1e-11, the others' as they come. NNLS and
+within {number(EXACT)} of the least. highspy (*warm*) and GLPK keep their model and start from their last
+basis; highspy (*cold*) is passed the model anew; Clarabel, DAQP and the two least-squares maps keep their
+model and have nothing to start from; scipy's `linprog` builds its model anew. DAQP, a solver of quadratic
+programs, takes the linear one by proximal steps. Clarabel's tolerances are 1e-11, the others' as they come. NNLS and
 the pseudo-inverse are no solvers of this problem: they heed no bound, which is then cut off, and no fuel."""
 
 
