@@ -34,8 +34,9 @@ ABOUT = f"""\
 within {number(EXACT)} of the least. highspy (*warm*) and GLPK keep their model and start from their last
 basis; highspy (*cold*) is passed the model anew; Clarabel, DAQP and the two least-squares maps keep their
 model and have nothing to start from; scipy's `linprog` builds its model anew. DAQP, a solver of quadratic
-programs, takes the linear one by proximal steps. Clarabel's tolerances are 1e-11, the others' as they come. NNLS and
-the pseudo-inverse are no solvers of this problem: they heed no bound, which is then cut off, and no fuel."""
+programs, takes the linear one by proximal steps. Clarabel's tolerances are 1e-11, the others' as they come.
+NNLS and the pseudo-inverse are no solvers of this problem: they heed no bound, which is then cut off, and no
+fuel."""
 
 
 @dataclass(frozen=True)
