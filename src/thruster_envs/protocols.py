@@ -6,6 +6,9 @@ better than the model that a mapper was built with passes `effectiveness` or `ma
 
 A detector says after each interval of firing whether something is wrong, and with which thruster, for many
 vehicles at once. It sees what was commanded and what was measured, never the truth.
+
+A pilot turns what the flight software sees into the duties of the coming control period, for many vehicles at
+once.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Allocation", "FloatArray", "IntArray", "Mapper", "MapperWithMemory"]
+__all__ = ["Allocation", "FloatArray", "IntArray", "Mapper", "MapperWithMemory", "Pilot", "Sight"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -153,4 +156,44 @@ class Detector(Protocol):
 
     def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness (..., m, n) give, m/s^2 then rad/s^2."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What the flight software of a batch of vehicles sees at the beginning of a control period.
+
+    Attributes:
+        time: (vehicles,), s since the episode began; 0 where it begins.
+        target: (vehicles, 6), where the vehicle should be: m and m/s, LVLH.
+        position: (vehicles, 3), m, LVLH, measured.
+        velocity: (vehicles, 3), m/s, LVLH, measured.
+        attitude: (vehicles, 4), body-from-LVLH, scalar first, measured.
+        rate: (vehicles, 3), rad/s, inertial rate in body axes, measured.
+        duties: (vehicles, n), 0..1, commanded in the last period.
+        measured_change: (vehicles, 6), m/s then rad/s: rate change of the last period, body axes, motion
+            without thrust taken off.
+        expected_change: (vehicles, 6): the same, as the nominal vehicle would have given it.
+    """
+
+    time: FloatArray
+    target: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    attitude: FloatArray
+    rate: FloatArray
+    duties: FloatArray
+    measured_change: FloatArray
+    expected_change: FloatArray
+
+
+class Pilot(Protocol):
+    """Flies a batch of vehicles."""
+
+    def __call__(self, sight: Sight) -> ArrayLike:
+        """Duties of the coming period, (vehicles, n), 0..1; what lies outside is clipped.
+
+        What it gives one vehicle must not depend on the others, and what it remembers is its own affair: a
+        saved state knows nothing of it.
+        """
         ...

@@ -46,12 +46,31 @@ def equal(first: dict[str, Any], second: dict[str, Any]) -> bool:
     return first.keys() == second.keys() and all(np.array_equal(first[key], second[key]) for key in first)
 
 
-def actions_of(world: int, steps: int, thrusters: int = 12) -> np.ndarray:
-    """(steps, n) actions of one world: bursts of firing between pauses, so that some episodes last."""
-    generator = np.random.default_rng(1000 + world)
-    actions = generator.uniform(-1.0, 1.0, (steps, thrusters)).astype(np.float32)
-    actions[generator.random((steps, thrusters)) < 0.5 + 0.5 * (world % 2)] = -1.0
+def actions_of(identifier: str, world: int, steps: int) -> np.ndarray:
+    """(steps, n) actions of one world: bursts of firing between pauses, so that some episodes last.
+
+    Where there are options to choose, those of a pause are the first ones.
+    """
+    generator, space = np.random.default_rng(1000 + world), space_of(identifier)
+    if isinstance(space, gym.spaces.MultiDiscrete):
+        actions, pause = generator.integers(0, space.nvec, (steps, *space.shape)), 0
+    else:
+        actions, pause = generator.uniform(-1.0, 1.0, (steps, *space.shape)).astype(np.float32), -1.0
+    actions[generator.random(actions.shape) < 0.5 + 0.5 * (world % 2)] = pause
     return actions
+
+
+def space_of(identifier: str) -> gym.Space[Any]:
+    """Space of one action."""
+    return gym.make(identifier).action_space
+
+
+def constant(identifier: str, duty: float) -> np.ndarray:
+    """One action: this duty for every thruster, -1..1; where there are options, the first of each."""
+    space = space_of(identifier)
+    if isinstance(space, gym.spaces.MultiDiscrete):
+        return np.zeros(space.shape, np.int64)
+    return np.full(space.shape, duty, np.float32)
 
 
 def single(identifier: str, **kwargs: Any) -> gym.Env[Any, Any]:

@@ -14,7 +14,7 @@ def live_alone(identifier, world):
     env = gym.make(identifier, faults=FAULTS, max_episode_steps=LIMIT)
     observation, info = env.reset(seed=SEED + world)
     yield observation, None, False, False, dict(entries(info)), None, None
-    for action in actions_of(world, STEPS):
+    for action in actions_of(identifier, world, STEPS):
         observation, reward, terminated, truncated, info = env.step(action)
         final, final_info = None, None
         if terminated or truncated:
@@ -35,7 +35,7 @@ def test_a_world_of_a_batch_is_a_single_environment(identifier, worlds, threads)
         autoreset_mode="SameStep",
         threads=threads,
     )
-    actions = np.stack([actions_of(world, STEPS) for world in range(worlds)], axis=1)
+    actions = np.stack([actions_of(identifier, world, STEPS) for world in range(worlds)], axis=1)
     alone = {world: live_alone(identifier, world) for world in watched}
     observations, infos = env.reset(seed=SEED)
     for world in watched:
@@ -69,7 +69,7 @@ def test_next_step_autoreset_gives_the_same_episodes(identifier):
     for name, env in (("same", same), ("later", later)):
         env.reset(seed=SEED)
         used, resetting = [0, 0, 0], np.zeros(3, bool)
-        actions = [actions_of(world, 200) for world in range(3)]
+        actions = [actions_of(identifier, world, 200) for world in range(3)]
         while min(used) < 100:
             chosen = np.stack([actions[world][used[world]] for world in range(3)])
             observations, rewards, terminated, truncated, infos = env.step(chosen)
@@ -93,7 +93,7 @@ def test_next_step_autoreset_gives_the_same_episodes(identifier):
 def test_a_saved_batch_goes_on_as_it_would_have(identifier):
     env = gym.make_vec(identifier, num_envs=7, faults=FAULTS, max_episode_steps=LIMIT)
     other = gym.make_vec(identifier, num_envs=7, faults=FAULTS, max_episode_steps=LIMIT)
-    actions = np.stack([actions_of(world, 120) for world in range(7)], axis=1)
+    actions = np.stack([actions_of(identifier, world, 120) for world in range(7)], axis=1)
     env.reset(seed=SEED)
     for step in range(45):
         env.step(actions[step])

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from tests.views.cases import FAULTS, IDS, entries
+from tests.views.cases import FAULTS, IDS, constant, entries, space_of
 from thruster_envs.faults import KINDS, Fault, FaultDistribution
 from thruster_envs.spacecraft import load, save
 from thruster_envs.testing import check_vector_env
@@ -20,6 +20,10 @@ from thruster_envs.testing import check_vector_env
 @pytest.fixture(params=IDS)
 def identifier(request):
     return request.param
+
+
+def takes_options(identifier):
+    return isinstance(space_of(identifier), gym.spaces.MultiDiscrete)
 
 
 def test_gymnasium_finds_nothing_wrong(identifier):
@@ -70,7 +74,7 @@ def test_a_fault_is_given_to_make_or_to_reset_and_comes_back_as_truth(identifier
             assert one["fault"]["kind"].tolist() == [KINDS.index(kind) + 1, 0, 0, 0]
             assert one["fault"]["severity"].tolist() == [0.25, 0.0, 0.0, 0.0]
         seen.append(bool(info["fault"]["active"][0]))
-        action = np.full(12, -0.5, np.float32)
+        action = constant(identifier, -0.5)
         first, second = made.step(action), told.step(action)
         assert np.array_equal(first[0], second[0])
         assert first[1] == second[1]
@@ -110,7 +114,7 @@ def test_a_spec_survives_json(identifier, faults):
     env = gym.make(identifier, faults=faults, max_episode_steps=9)
     assert np.array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
     for _ in range(9):
-        action = np.linspace(-1.0, -0.4, 12, dtype=np.float32)
+        action = constant(identifier, -0.6)
         first, second = env.step(action), again.step(action)
         assert np.array_equal(first[0], second[0])
         assert first[1:4] == second[1:4]
@@ -176,21 +180,25 @@ def test_a_bad_argument_is_named_in_one_line(identifier, arguments, message):
 def test_an_action_that_is_no_number_is_refused_and_the_episode_is_unharmed(identifier, bad):
     env, twin = gym.make(identifier).unwrapped, gym.make(identifier).unwrapped
     vector = gym.make_vec(identifier, num_envs=3)
-    action = np.full(12, -0.5)
+    action = constant(identifier, -0.5).astype(float)
     env.reset(seed=0)
     twin.reset(seed=0)
     vector.reset(seed=0)
     wrong, batch = action.copy(), np.tile(action, (3, 1))
-    wrong[6] = batch[2, 6] = bad
-    with pytest.raises(ValueError, match=f"thruster 7 is {bad}; a number from -1 to 1"):
+    wrong[1] = batch[2, 1] = bad
+    entry = (
+        f"entry 1 is {bad}; a whole number" if takes_options(identifier) else f"thruster 2 is {bad}; a number"
+    )
+    with pytest.raises(ValueError, match=f"{entry} from"):
         env.step(wrong)
-    with pytest.raises(ValueError, match=f"world 2, craft_1, thruster 7 is {bad}"):
+    with pytest.raises(ValueError, match=f"world 2, craft_1, {entry}"):
         vector.step(batch)
     assert np.array_equal(env.step(action)[0], twin.step(action)[0])
 
 
 @pytest.mark.parametrize("shape", [(11,), (13,), (2, 12), ()])
 def test_an_action_of_another_shape_is_refused(identifier, shape):
+    assert shape != space_of(identifier).shape
     env = gym.make(identifier).unwrapped
     env.reset(seed=0)
     with pytest.raises(ValueError, match="shape"):
@@ -207,19 +215,29 @@ def test_a_bad_seed_is_refused(identifier, seed):
         gym.make_vec(identifier, num_envs=2).reset(seed=seed)
 
 
-def test_actions_outside_the_space_are_clipped(identifier):
+def test_actions_outside_the_space_are_clipped_and_options_that_do_not_exist_refused(identifier):
     env, twin = gym.make(identifier).unwrapped, gym.make(identifier).unwrapped
     env.reset(seed=0)
     twin.reset(seed=0)
+    if takes_options(identifier):
+        action = constant(identifier, 0.0)
+        for wrong in (-1, env.action_space.nvec[1], 0.5):
+            with pytest.raises(
+                ValueError, match=rf"entry 1 is {wrong}; a whole number from 0 to 5 would be right"
+            ):
+                env.step([0, wrong, *action[2:]])
+        assert np.array_equal(env.step(action)[0], twin.step(action)[0])
+        return
     action = np.linspace(-3.0, 3.0, 12)
     assert np.array_equal(env.step(action)[0], twin.step(np.clip(action, -1.0, 1.0))[0])
 
 
 def test_stepping_before_a_reset_is_refused(identifier):
+    action = constant(identifier, 0.0)
     with pytest.raises(gym.error.ResetNeeded):
-        gym.make(identifier).unwrapped.step(np.zeros(12))
+        gym.make(identifier).unwrapped.step(action)
     with pytest.raises(ValueError, match="reset"):
-        gym.make_vec(identifier, num_envs=2).step(np.zeros((2, 12)))
+        gym.make_vec(identifier, num_envs=2).step(np.stack(2 * [action]))
 
 
 # ---- One's own spacecraft ----------------------------------------------------------------------------------
@@ -230,7 +248,8 @@ def test_a_spacecraft_of_ones_own_is_used_by_its_path(identifier, tmp_path):
     orion = load("orion")
     save(orion.replace(name="mine", mass=40.0, thrusters=(*orion.thrusters[:11],)), path)
     env = gym.make(identifier, spacecraft=str(path), observe_fault=True, faults=FAULTS)
-    assert env.action_space.shape == (11,)
+    assert env.unwrapped.task.vehicle.number_of_thrusters == 11
+    assert env.action_space != space_of(identifier)
     assert env.unwrapped.task.vehicle.name == "mine"
     env.action_space.seed(0)
     env.reset(seed=0)
@@ -270,7 +289,11 @@ def test_nothing_returned_is_a_view_of_what_the_next_step_writes(identifier, mod
     single.reset(seed=0)
     vector.reset(seed=0)
     for _ in range(4):
-        for env, returned in ((single, single.step(np.zeros(12))), (vector, vector.step(np.zeros((9, 12))))):
+        action = constant(identifier, 0.0)
+        for env, returned in (
+            (single, single.step(action)),
+            (vector, vector.step(np.stack(9 * [action]))),
+        ):
             arrays = [*returned[:4], *(value for _, value in entries(returned[4]))]
             for array in arrays:
                 assert not any(shares(array, buffer) for buffer in buffers(env.unwrapped.worlds))
@@ -303,7 +326,7 @@ def test_frames_show_something_that_moves(identifier):
     env.reset(seed=0)
     first = env.render()
     for _ in range(3):
-        env.step(np.full(12, -0.6, np.float32))
+        env.step(constant(identifier, -0.6))
     last = env.render()
     env.close()
     assert first.dtype == np.uint8
@@ -316,7 +339,7 @@ def test_frames_show_something_that_moves(identifier):
 def test_a_vector_environment_draws_every_world(identifier):
     env = gym.make_vec(identifier, num_envs=2, render_mode="rgb_array")
     env.reset(seed=0)
-    env.step(np.full((2, 12), -0.6, np.float32))
+    env.step(np.stack(2 * [constant(identifier, -0.6)]))
     frames = env.render()
     env.close()
     assert len(frames) == 2
@@ -332,7 +355,7 @@ def test_an_episode_is_recorded_as_a_video(identifier, tmp_path):
     )
     env.reset(seed=0)
     for _ in range(4):
-        env.step(np.full(12, -0.8, np.float32))
+        env.step(constant(identifier, -0.8))
     env.close()
     (video,) = tmp_path.glob("videos/*.mp4")
     assert video.stat().st_size > 1000

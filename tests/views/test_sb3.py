@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecMonitor
 
-from tests.views.cases import FAULTS, IDS
+from tests.views.cases import FAULTS, IDS, constant
 from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv
 
 GAMMA, STEPS, LIMIT = 0.9, 60, 12
@@ -70,7 +70,8 @@ def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifi
         endings["truncated"] += np.count_nonzero(truncated & ~terminated)
         return rewards, terminated, truncated, infos["final_obs"] if done.any() else observations
 
-    actions = np.clip(buffer.actions, -1.0, 1.0)
+    options = isinstance(model.action_space, gym.spaces.MultiDiscrete)
+    actions = buffer.actions if options else np.clip(buffer.actions, -1.0, 1.0)
     rewards = bootstrapped(model, actions, step, STEPS)
     assert endings["truncated"] >= 4
     np.testing.assert_allclose(buffer.rewards, rewards, rtol=1e-6, atol=1e-6)  # both float32
@@ -104,7 +105,7 @@ def test_infos_carry_the_last_observation_and_the_score(identifier):
     env.seed(20)
     assert np.array_equal(env.reset()[1], alone.reset(seed=21)[0])
     for step in range(1, 6):
-        action = np.full((3, 12), -0.95, np.float32)
+        action = np.stack(3 * [constant(identifier, -0.95)])
         observations, rewards, dones, infos = env.step(action)
         observation, reward, _, _, info = alone.step(action[1])
         assert rewards[1] == np.float32(reward)

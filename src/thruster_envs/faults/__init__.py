@@ -7,16 +7,19 @@ Fault(thruster=1, kind='stuck_off', severity=1.0, onset=25.0, ...)
 
 from thruster_envs.faults.distribution import FaultDistribution, as_faults
 from thruster_envs.faults.encoding import FAULT_FIELDS, decode, encode
+from thruster_envs.faults.modes import MODES, mode_of
 from thruster_envs.faults.record import FULL_SCALE, KINDS, PROFILES, Fault
 
 __all__ = [
     "FAULT_FIELDS",
     "FULL_SCALE",
     "KINDS",
+    "MODES",
     "PROFILES",
     "Fault",
     "FaultDistribution",
     "as_faults",
     "decode",
     "encode",
+    "mode_of",
 ]

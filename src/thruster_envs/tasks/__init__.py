@@ -1,11 +1,15 @@
 """What there is to do: one module per task, a configuration and a handful of functions over a batch."""
 
+from thruster_envs.tasks.active_diagnosis import ActiveDiagnosis
 from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.fault_diagnosis import FaultDiagnosis
 from thruster_envs.tasks.formation_keeping import FormationKeeping
 from thruster_envs.tasks.orion_rendezvous import OrionRendezvous
 from thruster_envs.tasks.thruster_mapping import ThrusterMapping
 
 __all__ = [
+    "ActiveDiagnosis",
+    "FaultDiagnosis",
     "Feature",
     "FormationKeeping",
     "OrionRendezvous",

@@ -32,6 +32,20 @@ def duties_of(actions, duties):
 
 
 @njit(error_model="numpy", cache=True)
+def options_of(actions, choices, options):
+    """Turn actions into options, (worlds, agents, entries) both; False if one does not exist."""
+    exist = True
+    for world in range(actions.shape[0]):
+        for agent in range(actions.shape[1]):
+            for k in range(actions.shape[2]):
+                action = actions[world, agent, k]
+                exists = 0.0 <= action < choices[k] and action == math.floor(action)
+                options[world, agent, k] = int(action) if exists else 0
+                exist &= exists
+    return exist
+
+
+@njit(error_model="numpy", cache=True)
 def command_duties(data, duties, number_of_craft):
     """Write duties (worlds, agents, n) into the rows of the first craft of each world."""
     lanes = data.shape[2]

@@ -162,9 +162,14 @@ class Task(ABC):
         return tuple(f"craft_{k + 1}" for k in range(self.number_of_craft))
 
     @cached_property
+    def choices(self) -> tuple[int, ...] | None:
+        """How many options each entry of an agent's action has; None where the action is duties."""
+        return None
+
+    @cached_property
     def action_size(self) -> int:
-        """Numbers in one agent's action: the duty of each thruster, 0..1."""
-        return self.vehicle.number_of_thrusters
+        """Numbers in one agent's action: one for each choice, or the duty of each thruster, 0..1."""
+        return self.vehicle.number_of_thrusters if self.choices is None else len(self.choices)
 
     @cached_property
     @abstractmethod
@@ -180,7 +185,7 @@ class Task(ABC):
         """The oracle view, where it was asked for."""
         if not self.observe_fault:
             return ()
-        n = self.action_size
+        n = self.vehicle.number_of_thrusters
         return (
             Feature("true delivered share of each thruster's on-time", n, 1.0, "1", 0.0),
             Feature("true opening of each thruster when closed", n, 1.0, "1", 0.0),
@@ -201,8 +206,12 @@ class Task(ABC):
         """Begin an episode in the worlds ``which``, whose craft the fleet has just put to the start."""
 
     @abstractmethod
-    def step(self, state: Any, duties: FloatArray) -> None:
-        """Let one control period pass under the duties (worlds, agents, n), 0..1."""
+    def step(self, state: Any, actions: NDArray[Any]) -> None:
+        """Let one control period pass.
+
+        Under the duties (worlds, agents, n), 0..1; where the task has ``choices``, under the options chosen,
+        (worlds, agents, entries) int64 from 0.
+        """
 
     @abstractmethod
     def observe(self, state: Any) -> Observations:
@@ -215,3 +224,7 @@ class Task(ABC):
     @abstractmethod
     def truth(self, state: Any) -> Truth:
         """What ``info`` may show."""
+
+    def report(self, state: Any) -> dict[str, dict[str, NDArray[Any]]]:  # noqa: ARG002  # most tasks have nothing
+        """What else ``info`` shows: group to name to (worlds, agents), new arrays."""
+        return {}

@@ -48,6 +48,11 @@ class _Allocation:
                 "an environment of thruster_envs would be right"
             )
         self.worlds, self.task, self.mapper = base.worlds, base.task, mapper
+        if self.task.choices is not None:
+            raise ValueError(
+                f"the action of {type(base).__name__} is not the duty of each thruster, so there is nothing "
+                "to map to; an environment whose action is a Box would be right"
+            )
         self.thrusters = self.task.action_size
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):

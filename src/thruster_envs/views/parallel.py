@@ -151,7 +151,7 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
         """The same object at every call."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> spaces.Box:
+    def action_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
         return self.action_spaces[agent]
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from thruster_envs.faults import MODES
 from thruster_envs.physics import layout as at
 from thruster_envs.rendering import CraftScene, Renderer, Scene
+from thruster_envs.tasks.fault_diagnosis import DiagnosisState
 from thruster_envs.tasks.formation_keeping import FormationState
 from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.worlds import Worlds
@@ -71,7 +73,7 @@ class Camera:
     def scene(self) -> Scene:
         """The world now."""
         worlds, world, fleet, task = self.worlds, self.world, self.worlds.fleet, self.worlds.task
-        n, period = task.action_size, task.vehicle.control_period
+        n, period = task.vehicle.number_of_thrusters, task.vehicle.control_period
         info = worlds.info()
         rows = fleet.fault_rows()[world]
         time = float(fleet.read(at.STEP)[world, 0, 0]) * period
@@ -79,7 +81,7 @@ class Camera:
         path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
         slots = (
             worlds.state.slots[world, :, :3]
-            if isinstance(worlds.state, FormationState)
+            if isinstance(worlds.state, (FormationState, DiagnosisState))
             else np.zeros((fleet.craft, 3))
         )
         craft = tuple(
@@ -105,6 +107,8 @@ class Camera:
         else:
             distance = float(np.linalg.norm(craft[0].position - craft[0].target))
             readouts.insert(0, ("distance", f"{distance:.1f} m"))
+        if isinstance(worlds.state, DiagnosisState):
+            readouts.append(("declared", _declaration(worlds.state, world)))
         return Scene(
             spacecraft=task.vehicle,
             craft=craft,
@@ -113,6 +117,12 @@ class Camera:
             readouts=tuple(readouts),
             bars=bars,
         )
+
+
+def _declaration(state: DiagnosisState, world: int) -> str:
+    """What was declared last, in words."""
+    thruster, mode = state.declared[world]
+    return f"thruster {thruster} {MODES[mode]}" if thruster > 0 else "no fault"
 
 
 def _rate_bars(state: MappingState, world: int) -> tuple[tuple[str, float, float], ...]:

@@ -53,7 +53,7 @@ class TaskEnv(gym.Env[Observation, Any]):
         return self.worlds.observe()[0, 0], self._info(None)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Let one control period pass under the duties of ``action``."""
+        """Let one control period pass under ``action``."""
         if not self.worlds.seeded:
             raise gym.error.ResetNeeded("the environment has not been reset; call reset() before step()")
         step = self.worlds.step(np.asarray(action, dtype=np.float64).reshape((1, 1, -1)))
@@ -67,15 +67,7 @@ class TaskEnv(gym.Env[Observation, Any]):
         )
 
     def _info(self, step: Step | None) -> dict[str, Any]:
-        info = self.worlds.info(step)
-        return {
-            "reward_terms": {name: values.item() for name, values in info["reward_terms"].items()},
-            "cost": info["cost"].item(),
-            "fault": {name: values[0, 0] for name, values in info["fault"].items()},
-            "fuel": info["fuel"].item(),
-            "score": info["score"].item(),
-            "success": info["success"].item(),
-        }
+        return _of_the_one(self.worlds.info(step))
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""
@@ -91,6 +83,17 @@ class TaskEnv(gym.Env[Observation, Any]):
     def close(self) -> None:
         """Close the window, if there is one."""
         self._camera.close()
+
+
+def _of_the_one(info: dict[str, Any]) -> dict[str, Any]:
+    """What the info of a batch says of its only agent: plain numbers, and arrays over the fault slots."""
+    result: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            result[key] = _of_the_one(value)
+        else:
+            result[key] = value.item() if value.ndim == 2 else value[0, 0]
+    return result
 
 
 def make_task(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
 
@@ -15,6 +17,8 @@ def observation_space(task: Task) -> spaces.Box[np.float32]:
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
-def action_space(task: Task) -> spaces.Box[np.float32]:
-    """Box [-1, 1] per thruster, float32."""
+def action_space(task: Task) -> spaces.Space[Any]:
+    """MultiDiscrete where the task has choices; else Box [-1, 1] per thruster, float32."""
+    if task.choices is not None:
+        return spaces.MultiDiscrete(list(task.choices))
     return spaces.Box(-1.0, 1.0, (task.action_size,), dtype=np.float32)

@@ -147,12 +147,12 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """Let one control period pass in every world."""
         if not self.worlds.seeded:
             raise ValueError("the environment has not been reset; call reset() before step()")
-        duties = np.asarray(actions, dtype=np.float64)[:, np.newaxis]
+        chosen = np.asarray(actions, dtype=np.float64)[:, np.newaxis]
         everyone = np.ones(self.num_envs, np.bool_)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            return self._step_then_reset(self.worlds.step(duties), everyone)
+            return self._step_then_reset(self.worlds.step(chosen), everyone)
         begins = self._over
-        step = self.worlds.step(duties, begins=begins)
+        step = self.worlds.step(chosen, begins=begins)
         self._film(begins)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._over = step.done

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.faults import as_faults
 from thruster_envs.faults import encoding as code
 from thruster_envs.tasks import Task
-from thruster_envs.tasks.access import duties_of
+from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
 
 _LOW = 2**64 - 1
@@ -75,6 +75,7 @@ class Worlds:
         self.steps = np.zeros(number, np.int64)
         self.seeded = False
         self._shape = (number, len(task.agents), task.action_size)
+        self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
         """Give some worlds new seeds; their next reset begins episode 0 of it."""
@@ -109,24 +110,18 @@ class Worlds:
 
         Args:
             actions: (worlds, agents, n) in [-1, 1]; -1 keeps a thruster shut, 1 opens it for the whole
-                period. What lies outside is clipped.
+                period. What lies outside is clipped. Where the task has ``choices``, (worlds, agents,
+                entries) whole numbers from 0, one option for each of them.
             begins: (worlds,), worlds whose action does not count because they begin their next episode with
                 this step: its first observation, reward 0, not over.
 
         Raises:
-            ValueError: Another shape, or a number that is not finite.
+            ValueError: Another shape, a number that is not finite, or an option that does not exist.
         """
         array = np.asarray(actions, dtype=np.float64)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
-        duties = np.empty(self._shape)
-        if not duties_of(array, duties):
-            world, agent, thruster = np.argwhere(~np.isfinite(array))[0]
-            raise ValueError(
-                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is "
-                f"{array[world, agent, thruster]}; a number from -1 to 1 would be right"
-            )
-        self.task.step(self.state, duties)
+        self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
         outcome = self.task.outcome(self.state)
         terminated, truncated = outcome.terminated, np.zeros(self.number, np.bool_)
@@ -139,11 +134,34 @@ class Worlds:
         rewards = np.add.reduce(outcome.reward_terms, axis=-1)
         return Step(self.observe(), rewards, outcome.reward_terms, outcome.cost, terminated, truncated)
 
+    def _duties(self, actions: FloatArray) -> FloatArray:
+        duties = np.empty(self._shape)
+        if not duties_of(actions, duties):
+            world, agent, thruster = np.argwhere(~np.isfinite(actions))[0]
+            raise ValueError(
+                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is "
+                f"{actions[world, agent, thruster]}; a number from -1 to 1 would be right"
+            )
+        return duties
+
+    def _options(self, actions: FloatArray) -> NDArray[np.int64]:
+        assert self._choices is not None  # whoever asks has looked
+        options = np.empty(self._shape, np.int64)
+        if not options_of(actions, self._choices, options):
+            world, agent, entry = np.argwhere(options != actions)[0]
+            raise ValueError(
+                f"the action of world {world}, {self.task.agents[agent]}, entry {entry} is "
+                f"{actions[world, agent, entry]:g}; a whole number from 0 to {self._choices[entry] - 1} "
+                "would be right"
+            )
+        return options
+
     def info(self, step: Step | None = None) -> dict[str, Any]:
         """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
 
         ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1; 0 is an empty slot), ``kind``
-        (code, in the order of ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``.
+        (code, in the order of ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``. What a task
+        has to report beyond that comes last.
         """
         truth, told = self.task.truth(self.state), self._told
         time = (self.steps * self.task.vehicle.control_period)[:, np.newaxis, np.newaxis]
@@ -163,6 +181,7 @@ class Worlds:
             "fuel": truth.fuel,
             "score": truth.score,
             "success": truth.success,
+            **self.task.report(self.state),
         }
 
     def save(self) -> dict[str, NDArray[Any]]:

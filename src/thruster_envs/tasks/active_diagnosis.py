@@ -1,0 +1,117 @@
+"""Diagnosis with test pulses as a task: say which thruster has failed and how, and fire to find out.
+
+Models the flight of :mod:`.fault_diagnosis` with a craft that only holds its place, so that thrusters hardly
+fire and a fault hardly shows. Besides declaring what it believes, the agent chooses a test pulse for each
+thruster in each control period, on top of the pilot's duties, until its budget of thruster-seconds is used
+up. Leaves out tests that pause the pilot: it goes on holding the craft, and so undoes what a test has done.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import MODES
+from thruster_envs.physics import layout as at
+from thruster_envs.tasks.access import place
+from thruster_envs.tasks.contract import Feature, Observations
+from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActiveDiagnosis(FaultDiagnosis):
+    """Configuration of ``ActiveDiagnosis-v0``, beyond that of :class:`FaultDiagnosis`.
+
+    Attributes:
+        test_duties: The test pulses that there are, as duties.
+        budget: Test pulses of a flight, thruster-seconds.
+        fuel_cost: What it costs to use up the budget.
+        soft_rate_limit: Body rate from which on ``info["cost"]`` counts, rad/s.
+    """
+
+    reach: float = 0.0
+    test_duties: tuple[float, ...] = (0.1, 0.4)
+    budget: float = 60.0
+    fuel_cost: float = 0.1
+    soft_rate_limit: float = 0.1
+
+    reward_terms: ClassVar[tuple[str, ...]] = ("delay", "false_alarm", "wrong_name", "fuel")
+    max_episode_steps: ClassVar[int | None] = FLIGHT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        duties = tuple(float(duty) for duty in self.test_duties)
+        object.__setattr__(self, "test_duties", duties)
+        if not duties or not all(0.0 < duty <= 1.0 for duty in duties):
+            raise ValueError(
+                f"test_duties is {duties!r}; one or more numbers above 0 and at most 1 would be right"
+            )
+        for name in ("budget", "soft_rate_limit"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        if not 0.0 <= self.fuel_cost < math.inf:
+            raise ValueError(f"fuel_cost is {self.fuel_cost!r}; a finite number of 0 or more would be right")
+
+    @cached_property
+    def choices(self) -> tuple[int, ...] | None:
+        """Thruster, from 1, or 0 for no fault; mode; test pulse of each thruster, 0 for none."""
+        n = self.vehicle.number_of_thrusters
+        return (n + 1, len(MODES), *(n * [1 + len(self.test_duties)]))
+
+    def further_features(self) -> tuple[Feature, ...]:
+        """What is left of the budget."""
+        return (Feature("budget left", 1, 1.0, "budget", 0.0),)
+
+    def rate_soft_limit(self) -> float:
+        """Body rate from which on ``cost`` counts, rad/s: tests may turn the craft."""
+        return self.soft_rate_limit
+
+    def intervene(self, state: DiagnosisState, actions: NDArray[np.int64]) -> None:
+        """Add the test pulses to the pilot's duties, thruster by thruster, as far as the budget goes."""
+        duties = np.array((0.0, *self.test_duties))
+        period, price = self.vehicle.control_period, self.fuel_cost / self.budget
+        state.fleet.by_worlds(
+            lambda first, last: _test(
+                state.fleet.data, actions, duties, period, self.budget, price, state.account, first, last
+            )
+        )
+
+    def observe(self, state: DiagnosisState) -> Observations:
+        """(worlds, 1, observation_size)."""
+        observations = super().observe(state)
+        observations[:, 0, self._budget_column] = 1.0 - state.account[:, TESTED] / self.budget
+        return observations
+
+    @cached_property
+    def _budget_column(self) -> int:
+        oracle = sum(feature.size for feature in self.oracle_features())
+        return self.observation_size - oracle - 1
+
+    def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
+        """How the diagnosis went, with the test pulses fired."""
+        report = super().report(state)
+        report["diagnosis"]["tested"] = state.account[:, TESTED : TESTED + 1].copy()
+        return report
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _test(data, actions, test_duties, period, budget, price, account, first, last):
+    """Add test pulses in the worlds from ``first`` to ``last`` (exclusive); no duty exceeds 1."""
+    for world in range(first, last):
+        b, w = place(world, 0, 1, data.shape[2])
+        fired = 0.0
+        for i in range(actions.shape[2] - 2):
+            duty, wanted = data[b, at.SCALARS + i, w], test_duties[actions[world, 0, 2 + i]]
+            left = max(0.0, budget - account[world, TESTED] - fired)
+            pulse = min(period * wanted, period * (1.0 - duty), left)
+            data[b, at.SCALARS + i, w] = min(duty + pulse / period, 1.0)
+            fired += pulse
+        account[world, TESTED] = min(account[world, TESTED] + fired, budget)
+        account[world, FUEL] = -price * fired if fired > 0.0 else 0.0

@@ -1,0 +1,544 @@
+"""Diagnosis as a task: watch a flight under a fixed pilot, and say which thruster has failed and how.
+
+Models a craft that flies from slot to slot under a pilot that knows of no fault, in six degrees of freedom,
+with the coupling of the feed, scatter and sensor noise of its description. At the beginning of each control
+period the agent declares what it believes: no fault, or one thruster and one mode
+(:data:`thruster_envs.faults.MODES`). It is judged by what acts at that moment. Slots change so that every
+thruster fires in every flight. Leaves out what a diagnosis is good for: the pilot does not hear of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import MODES, Fault, FaultDistribution
+from thruster_envs.faults import encoding as code
+from thruster_envs.faults.modes import mode_number
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.protocols import Sight
+from thruster_envs.random import COMMAND, RESET, philox, uniform_pair
+from thruster_envs.tasks.access import (
+    attitude_error,
+    bounded,
+    command_duties,
+    disperse_attitude,
+    place,
+    rate_error,
+    write_oracle_view,
+)
+from thruster_envs.tasks.contract import (
+    Feature,
+    FloatArray,
+    Observations,
+    Outcome,
+    Task,
+    TaskState,
+    Truth,
+    check_whole,
+)
+from thruster_envs.tasks.pilot import Pilot
+from thruster_envs.tasks.thruster_mapping import MappingModel
+
+#: Control periods of a flight.
+FLIGHT = 120
+#: Natural frequencies of the scripted pilot in translation and rotation, rad per control period: on Orion
+#: 0.02 rad/s, and 0.06 rad/s so that one failed thruster does not make the craft tumble.
+TRANSLATION, ROTATION = 0.1, 0.3
+_BOUND = 5.0
+#: What observations are divided by: m, m/s, rad, rad/s.
+_POSITION, _VELOCITY, _ANGLE, _RATE = 10.0, 0.2, 0.5, 0.2
+#: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
+_DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
+#: Share of the credit for naming the thruster when the mode is wrong.
+_HALF_RIGHT = 0.5
+# Columns of the account of an episode. First what the last step was worth.
+_DELAY, _FALSE_ALARM, _WRONG_NAME, FUEL, _COST = range(5)
+# Steps without and with a fault, steps with a false alarm, sum of the credit, number of false alarms.
+_HEALTHY, _FAULTY, _FALSE_STEPS, _CREDIT, _ALARMS = range(5, 10)
+# Onset of the first fault that was seen to act, s, and seconds until it was noticed; -1 for not yet.
+_ONSET, _NOTICED = 10, 11
+# Of the last declaration: whether a fault acted, whether its thruster, and its thruster and mode were right.
+_UNDER_FAULT, _ISOLATED, _IDENTIFIED, _OVER = range(12, 16)
+# Thruster-seconds of test pulses since the reset.
+TESTED, _ACCOUNT = 16, 17
+# Entries of the limits.
+(
+    _PERIOD, _MEAN_MOTION, _REACH, _LEG, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DELAY_COST,
+    _FALSE_ALARM_COST, _WRONG_NAME_COST, _WRONG_MODE_COST,
+) = range(11)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DiagnosisModel:
+    """The configuration in numbers.
+
+    Attributes:
+        authority: (6,), m/s and rad/s per period.
+        projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
+            periods.
+        limits: (11,).
+        pilot: The scripted one.
+    """
+
+    authority: FloatArray
+    projection: FloatArray
+    limits: FloatArray
+    pilot: Pilot
+
+
+@dataclass
+class DiagnosisState(TaskState):
+    """Arrays of a batch: slots, declarations and accounts."""
+
+    model: DiagnosisModel
+    slots: FloatArray  # (worlds, 1, 6), m and m/s, LVLH, now
+    declared: NDArray[np.int64]  # (worlds, 2), the last declaration: thruster from 1 (0: none), mode
+    standing: NDArray[np.int64]  # (worlds,), the thruster in it when the first fault was seen to act
+    account: FloatArray  # (worlds, 17)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultDiagnosis(Task):
+    """Configuration of ``FaultDiagnosis-v0``.
+
+    ``faults`` None means the default distribution, an empty list no faults.
+
+    Attributes:
+        pilot: None for the scripted pilot, or a :class:`~thruster_envs.protocols.Pilot`.
+        reach: Half-size of the cube about the origin in which slots are drawn, m.
+        leg: Control periods from one slot change to the next.
+        delay_cost: What it costs not to notice a fault during a whole flight.
+        false_alarm_cost: What it costs to declare a fault that is not there during a whole flight.
+        wrong_name_cost: What it costs to declare a sound thruster instead of the faulty one, likewise.
+        wrong_mode_cost: What it costs to declare the faulty thruster in another mode, likewise.
+        range_limit: Distance from the slot at which the flight is lost, m.
+        rate_limit: Body rate at which it is lost, rad/s.
+    """
+
+    pilot: Any = None
+    reach: float = 5.0
+    leg: int = 15
+    delay_cost: float = 1.0
+    false_alarm_cost: float = 2.0
+    wrong_name_cost: float = 1.5
+    wrong_mode_cost: float = 0.5
+    range_limit: float = 500.0
+    rate_limit: float = 1.0
+
+    reward_terms: ClassVar[tuple[str, ...]] = ("delay", "false_alarm", "wrong_name")
+    max_episode_steps: ClassVar[int | None] = FLIGHT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pilot is not None and not callable(self.pilot):
+            raise ValueError(f"pilot is {self.pilot!r}; None or a callable would be right")
+        check_whole("leg", self.leg, 1, FLIGHT)
+        for name in ("range_limit", "rate_limit"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        for name in ("reach", "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
+
+    @cached_property
+    def choices(self) -> tuple[int, ...] | None:
+        """Thruster, from 1, or 0 for no fault; mode."""
+        return (self.vehicle.number_of_thrusters + 1, len(MODES))
+
+    @cached_property
+    def features(self) -> tuple[Feature, ...]:
+        """See the environment's docstring."""
+        n = self.vehicle.number_of_thrusters
+        return (
+            Feature("measured position relative to the slot", 3, _BOUND, f"{_POSITION:g} m"),
+            Feature("measured velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
+            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
+            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
+            Feature("time since the start", 1, 1.0, "length of the flight", 0.0),
+            Feature("last duties", n, 1.0, "1", 0.0),
+            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
+            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            Feature(
+                "measured less expected rate change, projected on each thruster",
+                n,
+                _BOUND,
+                "control period",
+            ),
+            Feature("whether each thruster was declared last", n, 1.0, "1", 0.0),
+            Feature("whether each mode was declared last", len(MODES), 1.0, "1", 0.0),
+            *self.further_features(),
+            *self.oracle_features(),
+        )
+
+    def further_features(self) -> tuple[Feature, ...]:
+        """What a variant of the task observes beyond that."""
+        return ()
+
+    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
+        """The configured faults.
+
+        By default, in four flights of five, one thruster that fails in the first half of the flight, in any
+        mode.
+        """
+        if self.faults is not None:
+            return super().fault_source()
+        return FaultDistribution(
+            probability=0.8,
+            kinds={"stuck_off": 1.0, "loss": 2.0, "leak": 1.0, "stuck_on": 1.0, "misalignment": 1.0},
+            severity={
+                "loss": (0.3, 0.9),
+                "leak": (0.1, 0.5),
+                "stuck_on": (0.5, 1.0),
+                "misalignment": (0.2, 0.5),
+            },
+            onset=(0.0, 0.5 * FLIGHT * self.vehicle.control_period),
+        )
+
+    def create(self, worlds: int, threads: int | None) -> DiagnosisState:
+        """Arrays for that many worlds."""
+        fleet = Fleet(
+            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
+            max_substep=self.max_substep, threads=threads,
+        )  # fmt: skip
+        return DiagnosisState(
+            fleet, self._model(), np.zeros((worlds, 1, 6)), np.zeros((worlds, 2), np.int64),
+            np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),
+        )  # fmt: skip
+
+    def _model(self) -> DiagnosisModel:
+        vehicle, period = self.vehicle, self.vehicle.control_period
+        numbers = MappingModel.of(vehicle)
+        limits = (
+            period, vehicle.mean_motion, self.reach, float(self.leg), self.range_limit, self.rate_limit,
+            self.rate_soft_limit(),
+            self.delay_cost / FLIGHT, self.false_alarm_cost / FLIGHT, self.wrong_name_cost / FLIGHT,
+            self.wrong_mode_cost / FLIGHT,
+        )  # fmt: skip
+        pilot = dataclasses.replace(Pilot.of(vehicle), frequencies=(TRANSLATION / period, ROTATION / period))
+        return DiagnosisModel(numbers.authority, numbers.projection, np.array(limits), pilot)
+
+    def rate_soft_limit(self) -> float:
+        """Body rate from which on ``cost`` counts, rad/s: none, the agent has no part in the flight."""
+        return math.inf
+
+    def reset(self, state: DiagnosisState, which: NDArray[np.int64]) -> None:
+        """Start near the origin, nearly at rest, with the first slot drawn."""
+        fleet = state.fleet
+        _start(
+            fleet.data, fleet.streams, which, state.model.limits, state.slots, state.declared, state.standing,
+            state.account,
+        )  # fmt: skip
+        fleet.look(which)
+
+    def step(self, state: DiagnosisState, actions: NDArray[np.int64]) -> None:
+        """Hear the declarations, then fly one period."""
+        fleet, limits = state.fleet, state.model.limits
+        fleet.by_worlds(
+            lambda first, last: _judge(
+                fleet.data, fleet.faults, actions, limits, state.declared, state.standing, state.account,
+                first, last,
+            )
+        )  # fmt: skip
+        self._steer(state)
+        self.intervene(state, actions)
+        fleet.fly()
+        fleet.by_worlds(
+            lambda first, last: _settle(
+                fleet.data, fleet.streams, limits, state.slots, state.declared, state.account, first, last
+            )
+        )
+
+    def _steer(self, state: DiagnosisState) -> None:
+        """Write the pilot's duties."""
+        fleet = state.fleet
+        if self.pilot is None:
+            state.model.pilot.fly(fleet.data, state.slots, 0, 1, fleet.worlds)
+            return
+        duties = piloted(self.pilot, _sight(state, self.vehicle.control_period))
+        command_duties(fleet.data, duties[:, np.newaxis], 1)
+
+    def intervene(self, state: DiagnosisState, actions: NDArray[np.int64]) -> None:
+        """What a variant of the task does to the duties before they are flown."""
+
+    def observe(self, state: DiagnosisState) -> Observations:
+        """(worlds, 1, observation_size)."""
+        observations = np.empty((state.fleet.worlds, 1, self.observation_size), np.float32)
+        rows, fleet, model = observations[:, 0], state.fleet, state.model
+        fleet.by_worlds(
+            lambda first, last: _observe(
+                fleet.data, fleet.faults, model.limits, model.authority, model.projection, state.slots,
+                state.declared, self.observe_fault, rows, first, last,
+            )
+        )  # fmt: skip
+        return observations
+
+    def outcome(self, state: DiagnosisState) -> Outcome:
+        """Terminates when the flight is lost."""
+        account = state.account
+        terms, cost = account[:, np.newaxis, : len(self.reward_terms)], account[:, _COST : _COST + 1]
+        return Outcome(terms.copy(), cost.copy(), account[:, _OVER] > 0.0)
+
+    def truth(self, state: DiagnosisState) -> Truth:
+        """The score is the mean credit under a fault times the share of sound time without a false alarm."""
+        worlds = state.fleet.worlds
+        score, success = np.empty((worlds, 1)), np.empty((worlds, 1), np.bool_)
+        _rate(state.account, state.declared, score, success)
+        return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, success)
+
+    def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
+        """How the diagnosis went, and what would be right to declare now."""
+        account, worlds = state.account, state.fleet.worlds
+        right = np.zeros((worlds, 2), np.int64)
+        _right_now(state.fleet.data, state.fleet.faults, self.vehicle.control_period, right)
+        return {
+            "diagnosis": {
+                "detected": account[:, _NOTICED : _NOTICED + 1] >= 0.0,
+                "delay": account[:, _NOTICED : _NOTICED + 1].copy(),
+                "false_alarms": account[:, _ALARMS : _ALARMS + 1].astype(np.int64),
+                "isolated": account[:, _ISOLATED : _ISOLATED + 1] > 0.0,
+                "identified": account[:, _IDENTIFIED : _IDENTIFIED + 1] > 0.0,
+                "thruster": right[:, :1].copy(),
+                "mode": right[:, 1:].copy(),
+            }
+        }
+
+
+def piloted(pilot: Callable[[Sight], Any], sight: Sight) -> FloatArray:
+    """The duties (worlds, n) of a user's pilot, 0..1.
+
+    Raises:
+        ValueError: Another shape, or a number that is not finite.
+    """
+    duties = np.asarray(pilot(sight), dtype=np.float64)
+    if duties.shape != sight.duties.shape:
+        raise ValueError(
+            f"the pilot's duties have the shape {duties.shape}; {sight.duties.shape} would be right"
+        )
+    if not np.isfinite(duties).all():
+        world, thruster = np.argwhere(~np.isfinite(duties))[0]
+        raise ValueError(
+            f"the pilot's duty of world {world}, thruster {thruster + 1} is {duties[world, thruster]}; "
+            "a number from 0 to 1 would be right"
+        )
+    return np.clip(duties, 0.0, 1.0)
+
+
+def _sight(state: DiagnosisState, period: float) -> Sight:
+    fleet, n = state.fleet, state.fleet.layout.thrusters
+    measured = fleet.read(at.MEASURED, 13)[:, 0]
+    return Sight(
+        time=fleet.read(at.STEP)[:, 0, 0] * period,
+        target=state.slots[:, 0].copy(),
+        position=measured[:, :3],
+        velocity=measured[:, 3:6],
+        attitude=measured[:, 6:10],
+        rate=measured[:, 10:],
+        duties=fleet.read(fleet.layout.duties, n)[:, 0],
+        measured_change=fleet.read(at.MEASURED_CHANGE, 6)[:, 0],
+        expected_change=fleet.read(at.EXPECTED_CHANGE, 6)[:, 0],
+    )
+
+
+@njit
+def _draw_slot(data, streams, b, w, reach, slot):
+    """Draw where the craft should be from now on, at rest, from its seed, episode and step."""
+    words = philox(
+        np.uint64(0), np.uint64(np.int64(data[b, at.STEP, w])), streams[b, at.EPISODE, w],
+        np.uint64(COMMAND << 32), streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+    )  # fmt: skip
+    x, y = uniform_pair(words[0])
+    z, _ = uniform_pair(words[1])
+    slot[0], slot[1], slot[2] = reach * (2.0 * x - 1.0), reach * (2.0 * y - 1.0), reach * (2.0 * z - 1.0)
+
+
+@njit(error_model="numpy", cache=True)
+def _start(data, streams, which, limits, slots, declared, standing, account):
+    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    uniform = np.empty(16)
+    for world in which:
+        b, w = place(world, 0, 1, lanes)
+        for block in range(2):
+            words = philox(
+                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
+                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+            )  # fmt: skip
+            for k in range(4):
+                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        for k in range(3):
+            data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
+            data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
+        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
+        slots[world, 0, :] = 0.0
+        _draw_slot(data, streams, b, w, limits[_REACH], slots[world, 0])
+        declared[world, :], standing[world] = 0, 0
+        account[world, :] = 0.0
+        account[world, _ONSET], account[world, _NOTICED] = -1.0, -1.0
+
+
+@njit
+def _first_fault(faults, b, w, time):
+    """Slot of the fault that acts at ``time`` and began first; -1 for none."""
+    first = -1
+    for slot in range(faults.shape[2]):
+        fault = faults[b, w, slot]
+        acts = fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= time < fault[code.FIELD_END]
+        if acts and (first < 0 or fault[code.FIELD_ONSET] < faults[b, w, first, code.FIELD_ONSET]):
+            first = slot
+    return first
+
+
+@njit(error_model="numpy", cache=True)
+def _right_now(data, faults, period, right):
+    """Write what would be right to declare, (worlds, 2): thruster from 1 (0: none) and mode."""
+    for world in range(right.shape[0]):
+        b, w = place(world, 0, 1, data.shape[2])
+        slot = _first_fault(faults, b, w, data[b, at.STEP, w] * period)
+        if slot >= 0:
+            fault = faults[b, w, slot]
+            right[world, 0] = int(fault[code.FIELD_THRUSTER]) + 1
+            right[world, 1] = mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
+
+
+@njit
+def _credit(row):
+    """What the last declaration is worth under a fault, 0..1."""
+    return 1.0 if row[_IDENTIFIED] > 0.0 else (_HALF_RIGHT if row[_ISOLATED] > 0.0 else 0.0)
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _judge(data, faults, actions, limits, declared, standing, account, first, last):
+    """Compare what is declared with what acts now, in the worlds from ``first`` to ``last`` (exclusive)."""
+    for world in range(first, last):
+        b, w = place(world, 0, 1, data.shape[2])
+        row, time = account[world], data[b, at.STEP, w] * limits[_PERIOD]
+        thruster, mode = actions[world, 0, 0], actions[world, 0, 1]
+        oldest = _first_fault(faults, b, w, time)
+        isolated, identified = False, False
+        for slot in range(faults.shape[2]):
+            fault = faults[b, w, slot]
+            acts = fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= time < fault[code.FIELD_END]
+            if acts and int(fault[code.FIELD_THRUSTER]) + 1 == thruster:
+                isolated = True
+                identified |= mode == mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
+        for k in range(_COST + 1):
+            row[k] = 0.0
+        row[_UNDER_FAULT] = 1.0 if oldest >= 0 else 0.0
+        row[_ISOLATED], row[_IDENTIFIED] = 1.0 if isolated else 0.0, 1.0 if identified else 0.0
+        if oldest >= 0:
+            row[_FAULTY] += 1.0
+            if row[_ONSET] < 0.0:
+                row[_ONSET] = faults[b, w, oldest, code.FIELD_ONSET]
+                standing[world] = declared[world, 0]
+            new = thruster > 0 and (thruster != standing[world] or isolated)
+            if row[_NOTICED] < 0.0 and new:
+                row[_NOTICED] = time - row[_ONSET]
+            if thruster == 0:
+                row[_DELAY] = -limits[_DELAY_COST]
+            elif not isolated:
+                row[_WRONG_NAME] = -limits[_WRONG_NAME_COST]
+            elif not identified:
+                row[_WRONG_NAME] = -limits[_WRONG_MODE_COST]
+            row[_CREDIT] += _credit(row)
+        else:
+            row[_HEALTHY] += 1.0
+            if thruster > 0:
+                row[_FALSE_ALARM] = -limits[_FALSE_ALARM_COST]
+                row[_FALSE_STEPS] += 1.0
+                row[_ALARMS] += 1.0 if thruster != declared[world, 0] else 0.0
+        declared[world, 0], declared[world, 1] = thruster, mode
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _settle(data, streams, limits, slots, declared, account, first, last):
+    """Look where the period has led; a lost flight is charged as if its last declaration stood to the end."""
+    for world in range(first, last):
+        b, w = place(world, 0, 1, data.shape[2])
+        row, slot, distance, turning = account[world], slots[world, 0], 0.0, 0.0
+        q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
+        spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), limits[_MEAN_MOTION])
+        for k in range(3):
+            distance += (data[b, at.POSITION + k, w] - slot[k]) ** 2
+            turning += spin[k] * spin[k]
+        turning = math.sqrt(turning)
+        row[_COST] = max(0.0, turning / limits[_RATE_SOFT_LIMIT] - 1.0)
+        lost = math.sqrt(distance) > limits[_RANGE_LIMIT] or turning > limits[_RATE_LIMIT]
+        if lost and row[_OVER] == 0.0:
+            left = max(0.0, FLIGHT - data[b, at.STEP, w])
+            for k in range(_WRONG_NAME + 1):
+                row[k] *= 1.0 + left
+            if row[_UNDER_FAULT] > 0.0:
+                row[_FAULTY] += left
+                row[_CREDIT] += left * _credit(row)
+            else:
+                row[_HEALTHY] += left
+                row[_FALSE_STEPS] += left if declared[world, 0] > 0 else 0.0
+        if lost:
+            row[_OVER] = 1.0
+        if data[b, at.STEP, w] % limits[_LEG] == 0.0:
+            _draw_slot(data, streams, b, w, limits[_REACH], slot)
+
+
+@njit(error_model="numpy", cache=True)
+def _rate(account, declared, score, success):
+    """Score and success of every world, (worlds, 1) both."""
+    for world in range(account.shape[0]):
+        row = account[world]
+        credit = row[_CREDIT] / row[_FAULTY] if row[_FAULTY] > 0.0 else 1.0
+        quiet = 1.0 - row[_FALSE_STEPS] / row[_HEALTHY] if row[_HEALTHY] > 0.0 else 1.0
+        begun = row[_FAULTY] + row[_HEALTHY] > 0.0
+        right = row[_IDENTIFIED] > 0.0 if row[_UNDER_FAULT] > 0.0 else declared[world, 0] == 0
+        score[world, 0] = credit * quiet if begun else 0.0
+        success[world, 0] = begun and right and row[_ALARMS] == 0.0
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _observe(
+    data, faults, limits, authority, projection, slots, declared, observe_fault, observations, first, last
+):  # fmt: skip
+    n, lanes, m = projection.shape[0], data.shape[2], at.MEASURED
+    for world in range(first, last):
+        b, w = place(world, 0, 1, lanes)
+        row = observations[world]
+        q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
+        angle = attitude_error(q)
+        spin = rate_error(
+            q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION]
+        )
+        for k in range(3):
+            row[k] = bounded((data[b, m + k, w] - slots[world, 0, k]) / _POSITION, _BOUND)
+            row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)
+            row[6 + k] = bounded(angle[k] / _ANGLE, _BOUND)
+            row[9 + k] = bounded(spin[k] / _RATE, _BOUND)
+        row[12] = min(data[b, at.STEP, w] / FLIGHT, 1.0)
+        for k in range(6):
+            row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
+            row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
+        for i in range(n):
+            row[13 + i] = data[b, at.SCALARS + i, w]
+            along = 0.0
+            for k in range(6):
+                along += projection[i, k] * (
+                    data[b, at.MEASURED_CHANGE + k, w] - data[b, at.EXPECTED_CHANGE + k, w]
+                )
+            row[25 + n + i] = bounded(along, _BOUND)
+            row[25 + 2 * n + i] = 1.0 if declared[world, 0] == i + 1 else 0.0
+        for k in range(_MODES):
+            row[25 + 3 * n + k] = 1.0 if declared[world, 0] > 0 and declared[world, 1] == k else 0.0
+        if observe_fault:
+            start, period = data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD]
+            write_oracle_view(faults, b, w, start, period, row, row.shape[0] - 2 * n)
+
+
+_MODES = len(MODES)
