@@ -1,6 +1,13 @@
 """Detection: which thruster fails to do what it was told, from what was measured."""
 
 from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.calibration import (
+    Calibration,
+    Firings,
+    chi_squared_threshold,
+    healthy_firings,
+    threshold_for_rate,
+)
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
@@ -18,8 +25,10 @@ from thruster_baselines.detection.windowed_glr import WindowedGLR
 __all__ = [
     "BaseDetector",
     "CUSUMDetector",
+    "Calibration",
     "EstimatorThreshold",
     "FilterBank",
+    "Firings",
     "GLRDetector",
     "GenericChiSquared",
     "Identification",
@@ -30,6 +39,9 @@ __all__ = [
     "Severity",
     "SingleChiSquared",
     "WindowedGLR",
+    "chi_squared_threshold",
+    "healthy_firings",
     "least_squares_severity",
     "threshold_for",
+    "threshold_for_rate",
 ]

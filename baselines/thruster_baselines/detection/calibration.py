@@ -1,0 +1,228 @@
+"""Thresholds from a stated false-alarm rate, by healthy data or in closed form; and healthy firings.
+
+A threshold is an order statistic of what a detector gave on healthy vehicles: as low as it can be while the
+exact (Clopper-Pearson) upper bound of the rate at which it is exceeded stays at or below the stated rate.
+So it holds with the stated confidence, whatever the distribution; too little data is refused, with the number
+that would do. The source takes the smallest threshold without an alarm instead (Yang 2003, section 6.5.1),
+which says nothing of the rate.
+
+Statistics of a detector that gathers evidence depend on each other from interval to interval. Given as
+flights by intervals, only flights are taken as independent, by their largest statistic; a rate per interval
+then is the one at which independent intervals would give as many flights with an alarm.
+
+`healthy_firings` draws random firings with scatter and sensor errors, as the Monte Carlo of the source does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thruster_baselines.mapping.coupling import delivered_on_times
+from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["Calibration", "Firings", "chi_squared_threshold", "healthy_firings", "threshold_for_rate"]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A threshold and what is known of it.
+
+    Attributes:
+        threshold: To be exceeded for an alarm.
+        false_alarms: The stated rate per interval.
+        observed: Rate per interval at which the data exceed the threshold.
+        upper: Upper bound of the true rate per interval; at most the stated one.
+        confidence: With which it holds.
+        samples: How many independent ones there were: intervals, or flights.
+    """
+
+    threshold: float
+    false_alarms: float
+    observed: float
+    upper: float
+    confidence: float
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Firings:
+    """Intervals, each of a vehicle of its own.
+
+    Attributes:
+        on_times: (count, n), s, as commanded.
+        rate_change: (count, m), m/s then rad/s, as measured.
+        duration: s.
+    """
+
+    on_times: FloatArray
+    rate_change: FloatArray
+    duration: float
+
+
+def threshold_for_rate(statistics: ArrayLike, false_alarms: float, confidence: float = 0.95) -> Calibration:
+    """The lowest threshold that data of healthy vehicles support.
+
+    Args:
+        statistics: `Diagnosis.statistic` of healthy vehicles: (samples,), all independent of each other, or
+            (flights, intervals) of flights that are.
+        false_alarms: Rate per interval, above 0 and below 1.
+        confidence: That the true rate is not above it, above 0.5 and below 1.
+
+    Raises:
+        ValueError: A rate or confidence that cannot be, statistics that are no numbers, or too few of them.
+
+    >>> threshold_for_rate(np.arange(1000.0), 0.01).threshold  # four of a thousand are above it
+    995.0
+    """
+    values = np.asarray(statistics, dtype=np.float64)
+    if not 0.0 < false_alarms < 1.0:
+        raise ValueError(f"false_alarms is {false_alarms}; a rate above 0 and below 1 would be right")
+    if not 0.5 < confidence < 1.0:
+        raise ValueError(f"confidence is {confidence}; above 0.5 and below 1 would be right")
+    if values.ndim not in (1, 2) or values.size == 0:
+        raise ValueError(
+            f"statistics has the shape {values.shape}; (samples,) or (flights, intervals) would be right"
+        )
+    if np.isnan(values).any():
+        raise ValueError("statistics has an entry that is no number; those of a detector would be right")
+    intervals = 1 if values.ndim == 1 else values.shape[1]
+    largest = values if values.ndim == 1 else values.max(axis=1)
+    samples = largest.size
+    rate = -math.expm1(intervals * math.log1p(-false_alarms))
+    needed = math.ceil(math.log1p(-confidence) / math.log1p(-rate))
+    if samples < needed:
+        what = "samples" if values.ndim == 1 else f"flights of {intervals} intervals"
+        raise ValueError(
+            f"{samples} {what} cannot show a rate of {false_alarms} per interval with a confidence of "
+            f"{confidence}; {needed} or more would be right"
+        )
+    low, high = 0, samples  # exceedances: low is allowed, high is not
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _upper(middle, samples, confidence) <= rate else (low, middle)
+    threshold = float(np.partition(largest, samples - 1 - low)[samples - 1 - low])
+    above = int((largest > threshold).sum())  # fewer than allowed where values repeat
+    return Calibration(
+        threshold=threshold,
+        false_alarms=false_alarms,
+        observed=_per_interval(above / samples, intervals),
+        upper=_per_interval(_upper(above, samples, confidence), intervals),
+        confidence=confidence,
+        samples=samples,
+    )
+
+
+def chi_squared_threshold(false_alarms: float, degrees: int = 1, tests: int = 1) -> float:
+    """The threshold of a chi-squared statistic, or of the largest of several, in closed form.
+
+    Of several, the rate is at most the stated one however they depend on each other (Bonferroni): `tests` is
+    6 for the axes of `SingleChiSquared`. The likelihood ratio is such a maximum over the distinct directions
+    of the thrusters' columns, of one degree of freedom each. It holds where the covariance of the residual is
+    the true one and errors are normal.
+
+    Args:
+        false_alarms: Rate per interval, above 0 and below 1.
+        degrees: Of freedom: m for `GenericChiSquared`.
+        tests: How many statistics the largest is of.
+
+    Raises:
+        ValueError: A rate or number that cannot be.
+
+    >>> round(chi_squared_threshold(1e-5, tests=6), 1)
+    22.9
+    """
+    from scipy.special import chdtri  # only here: SciPy is slow to import
+
+    if not 0.0 < false_alarms < 1.0:
+        raise ValueError(f"false_alarms is {false_alarms}; a rate above 0 and below 1 would be right")
+    for name, number in (("degrees", degrees), ("tests", tests)):
+        if number < 1:
+            raise ValueError(f"{name} is {number}; one or more would be right")
+    return float(chdtri(degrees, false_alarms / tests))
+
+
+def healthy_firings(
+    spacecraft: Spacecraft | str | Path,
+    count: int,
+    *,
+    seed: int,
+    open_thrusters: int | None = None,
+    longest: float | None = None,
+    duration: float | None = None,
+    scatter: Literal["uniform", "normal"] = "uniform",
+    differenced: bool = True,
+) -> Firings:
+    """Random firings of a sound vehicle, as it measures them.
+
+    Each interval opens some thrusters, all choices equally likely, for uniform times. Thrust scatters from
+    firing to firing by what the description says of each thruster, and the shared feed takes its loss.
+
+    Args:
+        spacecraft: Description, name or path.
+        count: How many.
+        seed: Of all draws.
+        open_thrusters: How many are open in an interval; all by default.
+        longest: Longest on-time, s; by default the duration.
+        duration: Of an interval, s; by default the control period.
+        scatter: Uniform within the bounds of the description, or normal with them as three standard
+            deviations.
+        differenced: Whether a rate change is the difference of two measured velocities, which has twice their
+            variance, or has that of one of them.
+
+    Raises:
+        ValueError: A number that cannot be.
+
+    >>> firings = healthy_firings("orion", 3, seed=0, open_thrusters=4, duration=1.0)
+    >>> (firings.on_times > 0.0).sum(axis=1), firings.rate_change.shape
+    (array([4, 4, 4]), (3, 6))
+    """
+    if isinstance(spacecraft, str | Path):
+        spacecraft = load(spacecraft)
+    n = spacecraft.number_of_thrusters
+    duration = spacecraft.control_period if duration is None else duration
+    longest = duration if longest is None else longest
+    open_thrusters = n if open_thrusters is None else open_thrusters
+    if count < 1:
+        raise ValueError(f"count is {count}; one or more would be right")
+    if not 0 <= open_thrusters <= n:
+        raise ValueError(f"open_thrusters is {open_thrusters}; a number from 0 to {n} would be right")
+    if not (0.0 < duration < math.inf and 0.0 <= longest <= duration):
+        raise ValueError(
+            f"longest is {longest} and duration {duration}; 0 <= longest <= duration s, finite, would be "
+            "right"
+        )
+    rng = np.random.default_rng(seed)
+    on_times = np.zeros((count, n))
+    chosen = rng.permuted(np.tile(np.arange(n), (count, 1)), axis=1)[:, :open_thrusters]
+    np.put_along_axis(on_times, chosen, rng.uniform(0.0, longest, chosen.shape), axis=1)
+    bounds = np.array([one.scatter for one in spacecraft.thrusters])
+    if scatter == "uniform":
+        share = 1.0 + bounds * rng.uniform(-1.0, 1.0, on_times.shape)
+    elif scatter == "normal":
+        share = 1.0 + bounds / 3.0 * rng.normal(size=on_times.shape)
+    else:
+        raise ValueError(f"scatter is {scatter!r}; 'uniform' or 'normal' would be right")
+    sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
+    errors = math.sqrt(2.0 if differenced else 1.0) * sensors * rng.normal(size=(count, 6))
+    delivered = share * delivered_on_times(on_times, spacecraft.feed.coupling)
+    return Firings(on_times, delivered @ spacecraft.effectiveness().T + errors, float(duration))
+
+
+def _upper(successes: int, trials: int, confidence: float) -> float:
+    """One-sided upper bound of a rate; one end of the two-sided interval that leaves twice as much out."""
+    if successes >= trials:
+        return 1.0
+    return clopper_pearson(successes, trials, 2.0 * confidence - 1.0)[1]
+
+
+def _per_interval(rate: float, intervals: int) -> float:
+    """The rate of each of independent intervals of which one or more alarm at `rate`."""
+    return 1.0 if rate >= 1.0 else -math.expm1(math.log1p(-rate) / intervals)
