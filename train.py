@@ -28,8 +28,8 @@ from thruster_agents.ppo import Settings, Trained, train
 from thruster_agents.ppo.checkpoint import Point
 from thruster_agents.report import as_markdown, as_table
 from thruster_agents.run_folders import RunFolder, new_run, versions
-from thruster_agents.seeds import TEST, VALIDATION, first_training_seed
 from thruster_envs.configuration import from_mapping, require
+from thruster_envs.seeds import TEST, VALIDATION, first_training_seed
 from thruster_envs.spacecraft import Spacecraft, load
 
 

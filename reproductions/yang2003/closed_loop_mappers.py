@@ -31,7 +31,6 @@ from reproductions.yang2003.section_6_3_coupling_in_flight import (
     followed,
     plan_on_times,
 )
-from thruster_agents.seeds import VALIDATION
 from thruster_baselines.control import RendezvousController, RendezvousSettings
 from thruster_baselines.mapping import (
     AdditiveCompensationMapper,
@@ -56,6 +55,7 @@ from thruster_baselines.mapping.base import BaseMapper, ClosedFormMapper
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import Allocation, FloatArray
+from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import Spacecraft, load
 
 ORION = load("orion")

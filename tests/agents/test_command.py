@@ -16,7 +16,7 @@ import train
 from thruster_agents.evaluation import FAULTS, play
 from thruster_agents.evaluation.methods import Learned
 from thruster_agents.run_folders import RunFolder
-from thruster_agents.seeds import TEST
+from thruster_envs.seeds import TEST
 
 TASK = "thruster_envs/ThrusterMapping-v0"
 TINY = [

@@ -8,7 +8,7 @@ import pytest
 from thruster_agents.evaluation import DEAD, FAULTS, HEALTHY, SCENARIOS, classical_methods, compare, play
 from thruster_agents.evaluation.methods import FALSE_ALARM_RATE
 from thruster_agents.evaluation.table import bootstrap_interval
-from thruster_agents.seeds import TEST, TRAIN, VALIDATION, first_training_seed
+from thruster_envs.seeds import TEST, TRAIN, VALIDATION, first_training_seed
 
 SEEDS = TEST[-200:]  # of the test set, the end that the table does not use
 ROUND_OFF = 1e-9

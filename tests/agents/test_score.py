@@ -6,7 +6,7 @@ import train
 from thruster_agents.evaluation import FAULTS, SCENARIOS, classical_methods, compare
 from thruster_agents.evaluation.methods import Learned
 from thruster_agents.ppo import train as train_policy
-from thruster_agents.seeds import TEST
+from thruster_envs.seeds import TEST
 
 #: Least share of the way from doing nothing to the oracle, and the score with faults; the README names them.
 STATED_WAY = {"healthy": 0.995, "faults": 0.98, "dead": 0.97}

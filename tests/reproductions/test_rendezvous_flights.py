@@ -13,9 +13,9 @@ from reproductions.yang2003.section_6_3_coupling_in_flight import (
     longer_if,
     plan_on_times,
 )
-from thruster_agents.seeds import VALIDATION
 from thruster_baselines.control import RendezvousController
 from thruster_baselines.mapping import LPMapper
+from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")

@@ -22,10 +22,10 @@ from typing_extensions import override
 
 from thruster_agents.environments import Form, on_form
 from thruster_agents.evaluation.play import HEALTHY, Method, play
-from thruster_agents.seeds import VALIDATION
 from thruster_baselines.detection import ResponseTest, threshold_for
 from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper
 from thruster_envs.protocols import Mapper
+from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = [

@@ -27,8 +27,8 @@ from thruster_agents.evaluation.play import FAULTS, play
 from thruster_agents.policies import DiagnosisPolicy
 from thruster_agents.ppo.checkpoint import Point, read_checkpoint, restore, write_checkpoint
 from thruster_agents.ppo.regret import RegretReward
-from thruster_agents.seeds import VALIDATION, first_training_seed
 from thruster_baselines.mapping import LPMapper
+from thruster_envs.seeds import VALIDATION, first_training_seed
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import SB3VecEnv
 
