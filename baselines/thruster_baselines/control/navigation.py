@@ -98,7 +98,7 @@ class RelativeNavigation:
             rate: (3,), rad/s, inertial, body axes.
         """
         if self._started:
-            self._predict(on_times)
+            self.predict(on_times)
             # small rotation from the predicted to the measured attitude, body axes
             error = product(attitude, self.attitude * [1.0, -1.0, -1.0, -1.0])
             innovation = np.concatenate(
@@ -120,8 +120,10 @@ class RelativeNavigation:
         self.covariance = self._measurement_covariance.copy()
         self._started = True
 
-    def _predict(self, on_times: FloatArray) -> None:
-        """Move the estimate on by one period."""
+    def predict(self, on_times: FloatArray) -> None:
+        """Move the estimate on by one period in which `on_times` (n,), s, were commanded, unmeasured."""
+        if not self._started:
+            return
         firing = delivered_on_times(on_times, self._coupling)
         rotation = self.effectiveness[3:]
         longest = float(firing.max())

@@ -31,6 +31,8 @@ from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["RendezvousController", "RendezvousSettings"]
 
+_STILL = 1e-9  # m/s in a period: what a plan is off by when its thrusters hold against one that is stuck on
+
 
 @dataclass(frozen=True, kw_only=True)
 class RendezvousSettings:
@@ -43,6 +45,7 @@ class RendezvousSettings:
         position_tolerance: Half-width, per axis, of the box to end in, m.
         velocity_tolerance: The same for velocity, m/s.
         detailed_steps: Periods that are planned one by one; later ones in groups.
+        group: Periods of such a group.
         replan_coasting: Periods between plans while nothing fires.
         replan_burning: Periods between plans while the translation is being changed.
         settling: Periods at the end in which the target should have been reached, for the attitude to settle.
@@ -55,6 +58,9 @@ class RendezvousSettings:
         tilt: Angle up to which burns are along the body axes, not LVLH, rad. What goes astray is random and
             cheap to make up for; firing all thrusters to point every burn exactly is not.
         rotation_priority: How much dearer a missed rotation is to the mapper than in its own objective.
+        delta_v_cost: What 1 m/s costs a plan, s, while a thruster is stuck on. By firing time alone it would
+            be best to let it push, to be carried away by km, and to come back; holding against it all the
+            time needs three more thrusters, which is 1200 s per m/s of Orion.
     """
 
     planned_share: float = 0.75
@@ -62,6 +68,7 @@ class RendezvousSettings:
     position_tolerance: float = 0.3
     velocity_tolerance: float = 0.003
     detailed_steps: int = 40
+    group: int = 5
     replan_coasting: int = 30
     replan_burning: int = 4
     settling: int = 8
@@ -73,6 +80,7 @@ class RendezvousSettings:
     return_time_burning: float = 12.0
     tilt: float = 0.5
     rotation_priority: float = 4.0
+    delta_v_cost: float = 5000.0
 
 
 class RendezvousController:
@@ -106,12 +114,19 @@ class RendezvousController:
         self.settings = settings = RendezvousSettings() if settings is None else settings
         self._period = spacecraft.control_period
         self._coupling = spacecraft.feed.coupling
-        self._planner = RendezvousPlanner(
-            spacecraft,
-            max_on_time=settings.planned_share * spacecraft.control_period,
-            max_total_on_time=settings.planned_thrusters * settings.planned_share * spacecraft.control_period,
-            detailed_steps=settings.detailed_steps,
-            tolerance=np.repeat([settings.position_tolerance, settings.velocity_tolerance], 3),
+        self._planner, self._holding_planner = (
+            RendezvousPlanner(
+                spacecraft,
+                max_on_time=settings.planned_share * spacecraft.control_period,
+                max_total_on_time=settings.planned_thrusters
+                * settings.planned_share
+                * spacecraft.control_period,
+                detailed_steps=settings.detailed_steps,
+                group=settings.group,
+                tolerance=np.repeat([settings.position_tolerance, settings.velocity_tolerance], 3),
+                delta_v_cost=delta_v_cost,
+            )
+            for delta_v_cost in (0.0, settings.delta_v_cost)
         )
         plain = LPMapper(spacecraft)
         priority = np.repeat([1.0, settings.rotation_priority], 3)
@@ -131,14 +146,22 @@ class RendezvousController:
         self._planned_at = 0
         self._on_times = np.zeros(self._nominal.shape[1])
 
-    def believe(self, effectiveness: ArrayLike) -> None:
-        """From now on plan, map and predict with this effectiveness (6, n), m/s^2 then rad/s^2."""
+    def believe(self, effectiveness: ArrayLike, firing: ArrayLike | None = None) -> None:
+        """From now on plan, map and predict with this effectiveness (6, n), m/s^2 then rad/s^2.
+
+        Args:
+            effectiveness: (6, n), m/s^2 then rad/s^2.
+            firing: (n,), s: for how long, loss by the feed taken off, each thruster fires in every period
+                whatever is commanded; by default none does. Only plans are made with that: the commands then
+                are for all thrusters together, and whoever allocates them has to know.
+        """
         matrix = np.array(effectiveness, dtype=np.float64)
         if matrix.shape != self._nominal.shape or not np.isfinite(matrix).all():
             raise ValueError(
                 f"effectiveness has the shape {matrix.shape}; {self._nominal.shape}, finite, would be right"
             )
         self.navigation.effectiveness = matrix
+        self._firing = None if firing is None or not np.any(firing) else np.array(firing, dtype=np.float64)
         self.plan: RendezvousPlan | None = None
 
     def __call__(
@@ -178,10 +201,14 @@ class RendezvousController:
             on_times: (n,), s, commanded in the period that has just ended, whoever allocated them. Ignored at
                 the first measurement.
         """
-        step = round(time / self._period)
         self.navigation.update(
             *(np.asarray(part, dtype=np.float64) for part in (on_times, position, velocity, attitude, rate))
         )
+        return self.decide(time)
+
+    def decide(self, time: float) -> FloatArray:
+        """As `command`, from what navigation says by now, measured or not."""
+        step = round(time / self._period)
         translation, burn = self._translation(step)
         return np.concatenate([translation, self._rotation(step, burn)])
 
@@ -209,7 +236,7 @@ class RendezvousController:
             if horizon <= 0:
                 horizon = max(remaining - self.settings.quiet, 0)
             state = np.concatenate([self.navigation.position, self.navigation.velocity])
-            self.plan = self._planner(state, horizon, effectiveness=self.navigation.effectiveness)
+            self.plan = self._plan(state, horizon)
             self.plans += 1
             self._planned_at = step
         age = step - self._planned_at
@@ -220,14 +247,24 @@ class RendezvousController:
             change = rotation_matrix(self.navigation.attitude) @ change
         return change, float(self.plan.on_times[age].max())
 
+    def _plan(self, state: FloatArray, horizon: int) -> RendezvousPlan:
+        effectiveness = self.navigation.effectiveness
+        if self._firing is None:
+            return self._planner(state, horizon, effectiveness=effectiveness)
+        # Who holds against a thruster that fires all the time has to be able to fire as long.
+        longest = np.full(self._firing.size, self._firing.max())
+        return self._holding_planner(
+            state, horizon, effectiveness=effectiveness, max_on_time=longest, min_on_time=self._firing
+        )
+
     def _plan_lifetime(self, step: int) -> int:
         """Periods after which the plan in force is made anew: few while it burns, many while it coasts."""
         assert self.plan is not None
         if self.steps - step <= self.settings.settling:
             return 1
         age = step - self._planned_at
-        recent = self.plan.on_times[max(age - 1, 0) : age + 1]
-        burning = recent.size > 0 and float(recent.max()) > 0.0
+        recent = self.plan.rate_changes[max(age - 1, 0) : age + 1, :3]
+        burning = recent.size > 0 and float(np.abs(recent).max()) > _STILL
         return self.settings.replan_burning if burning else self.settings.replan_coasting
 
     def _rotation(self, step: int, burn: float) -> FloatArray:

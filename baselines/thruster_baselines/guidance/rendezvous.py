@@ -131,6 +131,7 @@ class RendezvousPlanner:
         *,
         effectiveness: ArrayLike | None = None,
         max_on_time: ArrayLike | None = None,
+        min_on_time: ArrayLike | None = None,
     ) -> RendezvousPlan:
         """Plan the remaining periods.
 
@@ -139,6 +140,9 @@ class RendezvousPlanner:
             steps: Periods that remain; none gives an empty plan.
             effectiveness: (6, n), believed instead of the spacecraft's own, m/s^2 then rad/s^2.
             max_on_time: (n,), instead of the planner's own, s.
+            min_on_time: (n,), s: how long each thruster fires in every period whatever is planned, as one
+                that is stuck on does; by default nobody does. It has to be within the longest on-time. The
+                limit on the sum of on-times is then lifted, since the others have to hold against it.
 
         Raises:
             ValueError: A state that is not six finite numbers, or a model that cannot be.
@@ -148,7 +152,16 @@ class RendezvousPlanner:
         if steps < 0:
             raise ValueError(f"steps is {steps}; zero or more would be right")
         model = self._model.overridden(effectiveness, max_on_time)
-        on_times = self._optimum(start, steps, model) if steps > 0 else np.zeros((0, model.max_on_time.size))
+        least = np.zeros(model.max_on_time.size) if min_on_time is None else np.array(min_on_time, np.float64)
+        if (
+            least.shape != model.max_on_time.shape
+            or not ((least >= 0.0) & (least <= model.max_on_time)).all()
+        ):
+            raise ValueError(
+                f"min_on_time is {least.tolist()}; for each thruster, a number of s from zero to its longest "
+                "on-time would be right"
+            )
+        on_times = self._optimum(start, steps, model, least) if steps > 0 else np.zeros((0, least.size))
         rate_changes = on_times @ model.effectiveness.T
         states = np.empty((steps + 1, 6))
         states[0] = start
@@ -156,8 +169,8 @@ class RendezvousPlanner:
             states[k + 1] = self._transition @ states[k] + self._response @ rate_changes[k, :3]
         return RendezvousPlan(on_times, rate_changes, states, states[-1] - self.target)
 
-    def _optimum(self, start: FloatArray, steps: int, model: Model) -> FloatArray:
-        """On-times (steps, n) of the linear program.
+    def _optimum(self, start: FloatArray, steps: int, model: Model, least: FloatArray) -> FloatArray:
+        """On-times (steps, n) of the linear program, none shorter than `least` (n,).
 
         Variables: on-times by group of periods; the shortfall of each end-state component, above and below;
         what of the tolerance is used; and, if delta-v has a price, its positive and negative parts by
@@ -174,7 +187,8 @@ class RendezvousPlanner:
 
         unit = 1.0 / np.maximum(np.abs(model.effectiveness).max(axis=1), 1e-300)  # entries of order one
         scaled = model.effectiveness * unit[:, np.newaxis]
-        limited, priced = self.max_total_on_time < np.inf, self.delta_v_cost > 0.0
+        limited = self.max_total_on_time < np.inf and not least.any()
+        priced = self.delta_v_cost > 0.0
         # where blocks of rows and columns begin; first come the sums per group and the on-times
         end = count * limited
         rotation, translation = end + 6, end + 6 + 3 * count
@@ -189,7 +203,7 @@ class RendezvousPlanner:
             problem.put(end + np.arange(6), short + 6 * block + np.arange(6), sign)
         problem.put(rotation + 3 * by_group + axes, n * by_group + thrusters, scaled[3:])
         cost = [np.repeat(sizes, n), np.full(12, self.miss_cost), np.zeros(6)]
-        lower = [np.zeros(short + 12), -self.tolerance * row_scale]
+        lower = [np.tile(least, count), np.zeros(12), -self.tolerance * row_scale]
         upper = [np.tile(model.max_on_time, count), np.full(12, np.inf), self.tolerance * row_scale]
         if priced:
             problem.put(translation + 3 * by_group + axes, n * by_group + thrusters, scaled[:3])
@@ -213,7 +227,7 @@ class RendezvousPlanner:
             raise RuntimeError(
                 f"HiGHS found no rendezvous plan from {start.tolist()} in {steps} steps: {message}"
             )
-        on_times: FloatArray = np.clip(answer[:short].reshape(count, n), 0.0, model.max_on_time)
+        on_times: FloatArray = np.clip(answer[:short].reshape(count, n), least, model.max_on_time)
         return np.repeat(on_times, sizes, axis=0)
 
     def _coasting(self, steps: int) -> FloatArray:

@@ -1,0 +1,435 @@
+"""A pilot that diagnoses its own thrusters: chapters 4 to 6 of Yang 2003 as one object that flies.
+
+At the start of each period it takes in the measurement, forms the rate change of the last period, and asks
+the likelihood ratio test (`GLRDetector`, with the effectiveness filter inside and physically scaled noise)
+whether the thrusters did what they were told. If not, it names one, compares models of how it failed,
+corrects its belief, and from then on plans, maps and predicts with that. Every such step is logged.
+
+Beyond the source, because attitude is flown here:
+
+- The test is asked only about what a thruster can have done: lost what it was told to fire, or fired when it
+  was not told to. Thrusters of like force and opposite torque (1 and 10 of Orion) look alike after a short
+  pulse. Nobody is named before one suspect is ahead of all others; until then evidence adds up.
+- A fault begins anywhere in a period, so that the first interval shows only part of it. What is believed of a
+  named thruster is a share of its thrust with a variance, which later firings correct.
+- A valve that is stuck open cannot be shut off: the others hold against it (`FaultAllocation`).
+- One that is named and turns out to do what it is told is trusted again. One that is believed dead is never
+  fired, so nothing is learned of it any more.
+
+Measurements that are missing, late or out of range are refused and counted; navigation then predicts, and the
+test takes the whole time since the last measurement as one interval. Left out: faults that turn a thrust,
+faults of sensors that stay within their range, several faults that begin in one interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
+from thruster_baselines.control.navigation import RelativeNavigation
+from thruster_baselines.control.observed import Measured, ObservationReader
+from thruster_baselines.control.quaternions import rotation_matrix, turned
+from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
+from thruster_baselines.detection.glr import GLRDetector
+from thruster_baselines.detection.identification import ModelComparison
+from thruster_baselines.estimation import PhysicalNoise
+from thruster_baselines.guidance.hcw import transition_matrix
+from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper
+from thruster_envs.protocols import Diagnosis, FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["ClassicalPilot", "Decision", "DiagnosisSettings", "settings_for"]
+
+Event = Literal["suspected", "named", "refined", "trusted again", "told", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """One entry of the pilot's log.
+
+    Attributes:
+        time: s since the start of the episode, when it was decided.
+        what: `suspected` (something is wrong, it is not sure who), `named`, `refined` (the level is another),
+            `trusted again`, `told` (by somebody who knows), or `refused` (a measurement).
+        thruster: Its number, from 1; 0 where none is meant.
+        kind: `stuck_off`, `loss`, `stuck_on` or `healthy`; for `refused`, why.
+        level: Believed share of its thrust, delivered while it is open.
+        statistic: Of the likelihood ratio test.
+    """
+
+    time: float
+    what: Event
+    thruster: int
+    kind: str
+    level: float
+    statistic: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisSettings:
+    """How the pilot diagnoses; the defaults were tuned on healthy and faulty validation flights of Orion.
+
+    Attributes:
+        threshold: Of the likelihood ratio, chi-squared with one degree of freedom where all is well.
+        lead: By how much the ratio of one suspect has to exceed that of the next for it to be named.
+        first_deviation: Standard deviation of the level seen in the interval in which a fault is first named,
+            since it may have begun within.
+        open_deviation: The same for a valve that is stuck open, which is taken as open all the way.
+        dead_level: Shares below this are taken as none.
+        healthy_level: Shares above this are taken as one.
+        dead_deviation: A thruster is given up as dead only if its share is known as well as this.
+        refining: The belief is changed if the share has moved by so much.
+        initial_deviation: Of what each thruster does at the start, as a share of the strongest on each axis.
+        drift: How much of that share is added per interval, as a standard deviation.
+        pointing: Error of the attitude in which a thrust acted, rad, and its growth per rad turned meanwhile.
+        longest_gap: Periods without a measurement that may be taken as one interval.
+    """
+
+    threshold: float = 30.0
+    lead: float = 12.0
+    first_deviation: float = 0.25
+    open_deviation: float = 0.03
+    dead_level: float = 0.1
+    healthy_level: float = 0.93
+    dead_deviation: float = 0.15
+    refining: float = 0.03
+    initial_deviation: float = 0.01
+    drift: float = 1e-4
+    pointing: tuple[float, float] = (0.02, 0.2)
+    longest_gap: int = 3
+
+
+def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:
+    """The controller's settings, whose periods are those of 5 s, for the spacecraft's own period."""
+    usual = RendezvousSettings()
+    scale = _USUAL_PERIOD / spacecraft.control_period
+
+    def periods(count: int) -> int:
+        return max(1, round(count * scale))
+
+    return RendezvousSettings(
+        detailed_steps=min(periods(usual.detailed_steps), _MOST_DETAILED),
+        group=periods(usual.group),
+        replan_coasting=periods(usual.replan_coasting),
+        replan_burning=periods(usual.replan_burning),
+        settling=periods(usual.settling),
+        quiet=periods(usual.quiet),
+    )
+
+
+_USUAL_PERIOD = 5.0  # s, for which the controller's settings were tuned
+_MOST_DETAILED = 60  # periods planned one by one, to keep plans of short periods small
+
+
+class ClassicalPilot:
+    """Acts on observations of `OrionRendezvous-v0`, one after the other, and diagnoses what it flies.
+
+    The first observation of an episode (all of the time still to go) resets it.
+
+    Args:
+        spacecraft: What is flown, as the flight software believes it to be.
+        steps: Control periods of an episode.
+        settings: Of the controller; by default for the spacecraft's period.
+        diagnosis: How to diagnose; None for not at all (the blind pilot, which plans anew all the same).
+        compensation: The mapper that makes up for the coupling loss: exactly, or by method II.
+
+    Attributes:
+        controller: Navigation, plans and commands.
+        detector: The likelihood ratio test and its filter.
+        belief: What is believed of the thrusters.
+        log: Every decision of the episode.
+        refused: How many measurements could not be used.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        steps: int,
+        *,
+        settings: RendezvousSettings | None = None,
+        diagnosis: DiagnosisSettings | None = DiagnosisSettings(),
+        compensation: type[ExactCompensationMapper]
+        | type[AdditiveCompensationMapper] = ExactCompensationMapper,
+    ) -> None:
+        self.spacecraft, self.steps = spacecraft, steps
+        settings = settings_for(spacecraft) if settings is None else settings
+        self.controller = RendezvousController(spacecraft, steps, settings=settings)
+        self.allocation = FaultAllocation(spacecraft, compensation, settings.rotation_priority)
+        self._diagnosis = diagnosis
+        how = DiagnosisSettings() if diagnosis is None else diagnosis
+        strongest = np.abs(self.allocation.nominal).max(axis=1)
+        self._noise = PhysicalNoise(spacecraft)
+        self._sensor_noise = self._noise.sensors.copy()
+        self.detector = GLRDetector(
+            spacecraft,
+            how.threshold,
+            sign_gate=True,
+            noise=self._noise,
+            process_noise=np.square(how.drift * strongest),
+            initial_covariance=np.square(how.initial_deviation * strongest),
+            coupling=0.0,  # it is given on-times with the loss taken off
+        )
+        self._comparison = ModelComparison(spacecraft, coupling=0.0)
+        self._reader = ObservationReader(spacecraft, steps)
+        self.log: list[Decision] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin an episode: all thrusters are believed healthy, and the log is empty."""
+        n = self.spacecraft.number_of_thrusters
+        self.controller.reset()
+        self.detector.reset()
+        self.belief = ThrusterBelief.healthy(n)
+        self.log = []
+        self.refused = 0
+        self._variance = np.zeros(n)
+        self._named = np.zeros(n, np.bool_)
+        self._evidence = np.zeros(n)
+        self._on_times = np.zeros(n)
+        self._before: Measured | None = None
+        self._gap = 0  # periods since that measurement
+        self._fired = np.zeros(n)  # since then, s, loss taken off
+        self._longest = 0.0  # of these, s
+
+    @property
+    def navigation(self) -> RelativeNavigation:
+        """What is believed of the motion."""
+        return self.controller.navigation
+
+    @property
+    def time(self) -> float:
+        """Since the start of the episode, s."""
+        return self._reader.step * self.spacecraft.control_period
+
+    def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
+        """Action (n,), -1 to 1, for an observation of one environment."""
+        if self._reader.begins(observation):
+            self.reset()
+        measured = self._reader.read(observation)
+        if measured is None:
+            self.refused += 1
+            self.log.append(Decision(self.time, "refused", 0, self._reader.fault, math.nan, math.nan))
+        begins = self._reader.step == 0
+        if not begins:
+            self._remember_firing()
+        acting = self.allocation.acting(self._on_times, self.belief)
+        if measured is not None and not begins and self._diagnosis is not None:
+            acting = self._watch(measured, self._diagnosis, acting)
+        if measured is None:
+            self.navigation.predict(acting)
+        else:
+            self.navigation.update(
+                acting, measured.position, measured.velocity, measured.attitude, measured.rate
+            )
+            self._before, self._gap = measured, 0
+            self._fired, self._longest = np.zeros_like(self._fired), 0.0
+        command = self.controller.decide(self.time)
+        self._on_times = self.allocation(command, self.belief)
+        if self.belief.stuck_on.any():
+            self._hold(command)
+        duties = self._on_times / self.spacecraft.control_period
+        return (2.0 * duties - 1.0).astype(np.float32)
+
+    def tell(self, belief: ThrusterBelief) -> None:
+        """Take over what somebody else knows of the thrusters, from the next observation on."""
+        before = self.belief
+        for i in np.flatnonzero((belief.share != before.share) | (belief.stuck_on != before.stuck_on)):
+            kind = _kind(float(belief.share[i]), bool(belief.stuck_on[i]))
+            self.log.append(Decision(self.time, "told", int(i) + 1, kind, float(belief.share[i]), math.nan))
+        self._believe(belief)
+
+    def _hold(self, command: FloatArray) -> None:
+        """Correct on-times that hold against a stuck thruster for how far they turn the body meanwhile.
+
+        The controller takes rotation as changed at once. Here large torques cancel over a period without
+        cancelling at each moment; what they leave is an angle. The rate to end with is the one that takes the
+        angle at the end of the period back, and none at the end of the flight.
+        """
+        period, settings = self.spacecraft.control_period, self.controller.settings
+        effect = self.allocation.effectiveness(self.belief)[3:]
+        last = self._reader.step >= self.steps - 1
+        angle = self.navigation.attitude_error + self.navigation.relative_rate * period
+        for _ in range(_HOLDING_PASSES):
+            acting = self.allocation.acting(self._on_times, self.belief)
+            delivered = self.allocation.delivered(self._on_times, self.belief)
+            after = angle + effect @ (delivered * (period - 0.5 * acting))
+            back = np.zeros(3) if last else -after / settings.return_time_burning
+            wanted = np.concatenate([command[:3], back - self.navigation.relative_rate])
+            self._on_times = self.allocation(wanted, self.belief)
+
+    def _believe(self, belief: ThrusterBelief) -> None:
+        """From now on plan, map, predict and expect with this."""
+        self.belief = belief
+        effectiveness = self.allocation.effectiveness(belief)
+        n = belief.share.size
+        # A stuck thruster's plan counts on three others to hold against it, as the nominal geometry needs.
+        together = np.zeros(n)
+        together[: min(n, _HOLDING)] = self.spacecraft.control_period
+        lasting = float(self.allocation.delivered(together, ThrusterBelief.healthy(n)).max())
+        self.controller.believe(effectiveness, np.where(belief.stuck_on, lasting, 0.0))
+        self.detector.believe(effectiveness)
+
+    def _remember_firing(self) -> None:
+        """Add what was commanded in the period that has just ended to the interval under test."""
+        acting = self.allocation.acting(self._on_times, self.belief)
+        self._fired = self._fired + self.allocation.delivered(self._on_times, self.belief)
+        self._longest = max(self._longest, float(acting.max()))
+        self._gap += 1
+
+    def _watch(self, measured: Measured, how: DiagnosisSettings, acting: FloatArray) -> FloatArray:
+        """Test the interval; returns the on-times (n,) that are believed to have acted in its last period."""
+        if self._before is None or self._gap > how.longest_gap:
+            return acting
+        duration = self._gap * self.spacecraft.control_period
+        change, turn = self._rate_change(self._before, measured, duration)
+        push = float(np.linalg.norm(self.allocation.nominal[:3], axis=0) @ self._fired)  # m/s, all directions
+        self._noise.sensors = self._sensor_noise.copy()
+        self._noise.sensors[:3] += np.square(push * (how.pointing[0] + how.pointing[1] * turn))
+        diagnosis = self.detector.update(self._fired, change, duration)
+        if diagnosis.detected[0] and self.detector.last is not None:
+            # What a faulty thruster did must not teach the filter anything about those that fired with it.
+            self.detector.filter.effectiveness[:] = self.detector.last.effectiveness
+        named = self._name(diagnosis, how, duration)
+        if named > 0:
+            acting = acting.copy()
+            acting[named - 1] = self._identify(named, diagnosis, how, acting[named - 1])
+        self._refine(how, skip=named)
+        return acting
+
+    def _rate_change(self, before: Measured, now: Measured, duration: float) -> tuple[FloatArray, float]:
+        """What the thrusters changed in an interval (6,), m/s then rad/s, body axes; and rad turned in it.
+
+        Free motion is taken off. Thrust turns with the body: its mean attitude follows from the measured
+        rates, those of a torque that is constant while something fires.
+        """
+        spacecraft = self.spacecraft
+        inertia = np.array(spacecraft.inertia)
+        mean_rate = 0.5 * (before.rate + now.rate)
+        free = -np.linalg.solve(inertia, np.cross(mean_rate, inertia @ mean_rate))
+        rotation = now.rate - before.rate - duration * free
+        orbit_rate = rotation_matrix(before.attitude) @ [0.0, 0.0, spacecraft.mean_motion]
+        longest = self._longest if self._gap == 1 else duration
+        turn = (before.rate - orbit_rate) * (longest / 2.0) + rotation * (longest / 6.0)
+        attitude = turned(self._attitude_before(before), turn)
+        drift = transition_matrix(spacecraft.mean_motion, duration)
+        expected = drift[3:] @ np.concatenate([before.position, before.velocity])
+        translation = rotation_matrix(attitude) @ (now.velocity - expected)
+        return np.concatenate([translation, rotation]), 2.0 * float(np.linalg.norm(turn))
+
+    def _attitude_before(self, before: Measured) -> FloatArray:
+        """At the start of the interval: the filtered one, or the measured one if navigation has moved on."""
+        return self.navigation.attitude if self._gap == 1 else before.attitude
+
+    def _name(self, diagnosis: Diagnosis, how: DiagnosisSettings, duration: float) -> int:
+        """The thruster, from 1, that is ahead of all others if something is wrong; 0 otherwise."""
+        statistic = float(diagnosis.statistic[0])
+        if not diagnosis.detected[0]:
+            self._evidence *= 0.5
+            return 0
+        self._evidence = self._evidence + self._possible(diagnosis, duration)
+        first, second = np.argsort(self._evidence)[[-1, -2]]
+        if self._evidence[first] - self._evidence[second] < how.lead:
+            self.log.append(Decision(self.time, "suspected", int(first) + 1, "", math.nan, statistic))
+            return 0
+        self._evidence = np.zeros_like(self._evidence)
+        return int(first) + 1
+
+    def _possible(self, diagnosis: Diagnosis, duration: float) -> FloatArray:
+        """(n,): likelihood ratios of each thruster, its shortfall kept within what it can have done.
+
+        It can have lost what it fired, or fired until the end of the interval.
+        """
+        shortfall, ratio = diagnosis.shortfall[0], diagnosis.suspicion[0]
+        size = np.where(ratio > 0.0, ratio / np.where(shortfall == 0.0, 1.0, shortfall) ** 2, 0.0)
+        can_be = np.clip(shortfall, self._fired - duration, self._fired)
+        possible: FloatArray = np.maximum(ratio - size * np.square(shortfall - can_be), 0.0)
+        return possible
+
+    def _identify(self, thruster: int, diagnosis: Diagnosis, how: DiagnosisSettings, acted: float) -> float:
+        """Correct the belief about a named thruster; returns for how long it acted in the last period, s."""
+        i = thruster - 1
+        statistic, short = float(diagnosis.statistic[0]), float(diagnosis.shortfall[0, i])
+        stuck, interval = bool(self.belief.stuck_on[i]), self.detector.last
+        assert interval is not None
+        kind = self._comparison(interval, [thruster]).kind[0]
+        if kind == "none":
+            return acted
+        self._named[i] = True
+        if kind in ("stuck_on", "leak") and not stuck:  # how far open, later intervals will tell
+            self._variance[i] = how.open_deviation**2
+            self._change(thruster, "named", 1.0, True, statistic)
+            return min(acted - short, self.spacecraft.control_period)
+        share, variance = self._observed_share(i)
+        share = min(max(share, 0.0), 1.0)
+        if stuck and share < how.dead_level:  # it was not
+            self._named[i] = False
+            self._change(thruster, "trusted again", 1.0, False, statistic)
+            return max(acted - short, 0.0)
+        sure = stuck or share < how.dead_level
+        self._variance[i] = variance if sure else max(variance, how.first_deviation**2)
+        if math.sqrt(self._variance[i]) > how.dead_deviation:
+            share = max(share, 2.0 * how.dead_level)
+        self._change(thruster, "named", self._rounded(share, how), stuck, statistic)
+        return acted
+
+    def _observed_share(self, i: int) -> tuple[float, float]:
+        """What thruster `i` (from 0) gave of its nominal thrust in the last interval, and the variance."""
+        interval = self.detector.last
+        assert interval is not None
+        believed = float(self.belief.share[i])
+        column = interval.effectiveness[0, :, i]
+        weighed = np.linalg.solve(interval.covariance[0], column)
+        size = float(weighed @ column)
+        more = float(weighed @ interval.residual[0]) / size  # s of firing
+        fired = float(self._fired[i])
+        return believed * (1.0 + more / fired), (believed / fired) ** 2 / size
+
+    def _refine(self, how: DiagnosisSettings, skip: int) -> None:
+        """Let what named thrusters gave in the last interval correct what is believed of them."""
+        interval = self.detector.last
+        assert interval is not None
+        if not interval.valid[0]:
+            return
+        for i in np.flatnonzero(self._named):
+            alive = self.belief.share[i] > 0.0
+            if i + 1 == skip or not alive or self._fired[i] < _LEAST_FIRING * self.spacecraft.control_period:
+                continue
+            seen, variance = self._observed_share(int(i))
+            known = self._variance[i] + how.drift**2
+            gain = known / (known + variance)
+            share = float(self.belief.share[i]) + gain * (seen - float(self.belief.share[i]))
+            share = min(max(share, 0.0), 1.0)
+            self._variance[i] = (1.0 - gain) * known
+            sure = math.sqrt(self._variance[i]) <= how.dead_deviation
+            share = self._rounded(share, how) if sure else max(share, 2.0 * how.dead_level)
+            if abs(share - self.belief.share[i]) < how.refining:
+                continue
+            stuck = bool(self.belief.stuck_on[i])
+            if (stuck and share == 0.0) or (not stuck and share == 1.0):
+                self._named[i] = False
+                self._change(int(i) + 1, "trusted again", 1.0, False, math.nan)
+            else:
+                self._change(int(i) + 1, "refined", share, stuck, math.nan)
+
+    def _rounded(self, share: float, how: DiagnosisSettings) -> float:
+        return 0.0 if share < how.dead_level else 1.0 if share > how.healthy_level else share
+
+    def _change(self, thruster: int, what: Event, share: float, stuck_on: bool, statistic: float) -> None:
+        self._believe(self.belief.changed(thruster, share=share, stuck_on=stuck_on))
+        self.log.append(Decision(self.time, what, thruster, _kind(share, stuck_on), share, statistic))
+
+
+_HOLDING = 4  # thrusters open at once while others hold against one that is stuck on
+_HOLDING_PASSES = 2
+_LEAST_FIRING = 0.1  # of a period: shorter firings say too little of a share
+
+
+def _kind(share: float, stuck_on: bool) -> str:
+    if stuck_on:
+        return "stuck_on"
+    return "stuck_off" if share == 0.0 else "healthy" if share == 1.0 else "loss"

@@ -1,0 +1,146 @@
+"""On-times for thrusters of which some are weak, dead, or fire whatever they are told.
+
+What is believed of the thrusters is one share and one flag for each (`ThrusterBelief`). A weak one simply has
+less effectiveness, a dead one none. A valve that is stuck open cannot be closed, since the feed has no
+isolation valves: its thrust a_i e_i is there in every period, and the others have to solve
+A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section 5.4, which assumes that it can be
+shut off). It also takes its part of the feed, so that every other thruster is one of at least two, and how
+much it delivers itself depends on how long the others are open: a fixed point, found in a few linear
+programs.
+
+Left out: a valve stuck half open loads the feed here as a fully open one does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thruster_baselines.mapping import (
+    AdditiveCompensationMapper,
+    ExactCompensationMapper,
+    LPMapper,
+    delivered_on_times,
+)
+from thruster_envs.protocols import BoolArray, FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["FaultAllocation", "ThrusterBelief"]
+
+_AGREED = 2e-5  # of the period: so well is known what a stuck thruster delivers when on-times are taken
+_MOST_PROGRAMS = 20
+_HOLDING = 3  # open for a whole period, at a first guess
+_RELAXATION = 0.7  # the longer a stuck thruster delivers, the longer the others fire, and the less it does
+
+
+@dataclass(frozen=True, slots=True)
+class ThrusterBelief:
+    """What is believed of each thruster.
+
+    Attributes:
+        share: (n,), what it gives of its nominal thrust while its valve is open; 0 for a dead one.
+        stuck_on: (n,), whether its valve stays open whatever it is told.
+    """
+
+    share: FloatArray
+    stuck_on: BoolArray
+
+    @classmethod
+    def healthy(cls, thrusters: int) -> ThrusterBelief:
+        """Full thrust from each of so many."""
+        return cls(np.ones(thrusters), np.zeros(thrusters, np.bool_))
+
+    def changed(self, thruster: int, *, share: float, stuck_on: bool) -> ThrusterBelief:
+        """The same with another belief about one thruster, numbered from 1."""
+        shares, stuck = self.share.copy(), self.stuck_on.copy()
+        shares[thruster - 1], stuck[thruster - 1] = share, stuck_on
+        return ThrusterBelief(shares, stuck)
+
+
+class FaultAllocation:
+    """Maps commanded rate changes to on-times as far as faulty thrusters allow, feed coupling included.
+
+    Args:
+        spacecraft: Nominal.
+        compensation: The mapper that makes up for the coupling loss: exactly, or by method II.
+        rotation_priority: How much dearer a missed rotation is than in the mapper's own objective.
+
+    >>> allocation = FaultAllocation("orion")
+    >>> stuck = ThrusterBelief.healthy(12).changed(1, share=1.0, stuck_on=True)
+    >>> on_times = allocation(np.zeros(6), stuck)  # nothing is wanted, so the others hold against it
+    >>> bool(abs(allocation.rate_change(on_times, stuck)).max() < 1e-5)
+    True
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str,
+        compensation: type[ExactCompensationMapper]
+        | type[AdditiveCompensationMapper] = ExactCompensationMapper,
+        rotation_priority: float = 1.0,
+    ) -> None:
+        if isinstance(spacecraft, str):
+            from thruster_envs.spacecraft import load
+
+            spacecraft = load(spacecraft)
+        self.spacecraft, self._compensation = spacecraft, compensation
+        self.nominal = spacecraft.effectiveness()
+        self._thrusters = self.nominal.shape[1]
+        plain = LPMapper(spacecraft)
+        self._slack_cost = plain.slack_cost * np.repeat([1.0, rotation_priority], 3)
+        self._fuel_cost = plain.fuel_cost
+        self._mappers: dict[int, ExactCompensationMapper | AdditiveCompensationMapper] = {}
+
+    def effectiveness(self, belief: ThrusterBelief) -> FloatArray:
+        """(m, n), m/s^2 then rad/s^2: of an open valve, as believed."""
+        return self.nominal * belief.share
+
+    def acting(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+        """(n,), s: for how long valves are open that were commanded to be open for `on_times` (n,)."""
+        return np.where(belief.stuck_on, self.spacecraft.control_period, np.asarray(on_times, np.float64))
+
+    def delivered(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+        """(n,), s: firing alone that would give the same as `on_times` (n,) give in company."""
+        return delivered_on_times(self.acting(on_times, belief), self.spacecraft.feed.coupling)
+
+    def rate_change(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+        """(m,), m/s then rad/s: what commanded on-times (n,) are expected to give."""
+        change: FloatArray = self.effectiveness(belief) @ self.delivered(on_times, belief)
+        return change
+
+    def __call__(self, command: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+        """On-times (n,), s, to command for a rate change (m,), m/s then rad/s; none to who is stuck on."""
+        wanted, stuck = np.asarray(command, dtype=np.float64), belief.stuck_on
+        effectiveness = self.effectiveness(belief)
+        load = int(stuck.sum())
+        mapper = self._mapper(load)
+        if load == 0:
+            return mapper(wanted, effectiveness=effectiveness).on_times
+        period = self.spacecraft.control_period
+        bounds = np.where(stuck, 0.0, period)
+        others = np.where(stuck, 0.0, effectiveness)
+        holding = np.where(stuck, period, 0.0)
+        holding[np.flatnonzero(~stuck)[:_HOLDING]] = period
+        constant = delivered_on_times(holding, self.spacecraft.feed.coupling) * stuck
+        for _ in range(_MOST_PROGRAMS):
+            against = wanted - effectiveness @ constant
+            on_times = mapper(against, effectiveness=others, max_on_time=bounds).on_times
+            wrong = self.delivered(on_times, belief) * stuck - constant
+            if float(np.abs(wrong).max()) <= _AGREED * period:
+                break
+            constant += wrong * _RELAXATION
+        return on_times
+
+    def _mapper(self, load: int) -> ExactCompensationMapper | AdditiveCompensationMapper:
+        """For so many valves stuck open, which take their part of the feed."""
+        if load not in self._mappers:
+            loss = self.spacecraft.feed.coupling * (np.arange(self._thrusters) + load)
+            self._mappers[load] = self._compensation(
+                self.spacecraft,
+                fuel_cost=self._fuel_cost,
+                slack_cost=self._slack_cost,
+                coupling=np.minimum(loss, 1.0),
+            )
+        return self._mappers[load]
