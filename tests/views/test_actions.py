@@ -171,6 +171,8 @@ def test_the_wrapped_batch_goes_into_stable_baselines(mapper):
 def test_wrappers_refuse_what_they_cannot_do(mapper):
     with pytest.raises(ValueError, match="commands no rate change"):
         BeliefAction(gym.make("thruster_envs/OrionRendezvous-v0"), mapper)
+    with pytest.raises(ValueError, match="FaultDiagnosisEnv is not the duty of each thruster"):
+        MapperAction(gym.make("thruster_envs/FaultDiagnosis-v0"), mapper)
     with pytest.raises(TypeError, match="no thrusters"):
         MapperAction(gym.make("CartPole-v1"), mapper)
     with pytest.raises(ValueError, match=r"\(6, 11\)"):

@@ -1,0 +1,39 @@
+"""Kinds and severities of faults fall into the modes that the table says."""
+
+import pytest
+
+from thruster_envs.faults import KINDS, MODES, mode_of
+
+TABLE = [
+    ("stuck_off", 1.0, "dead"),
+    ("stuck_off", 0.9, "dead"),
+    ("loss", 0.95, "dead"),
+    ("intermittent", 1.0, "dead"),
+    ("stuck_off", 0.89, "weak"),
+    ("loss", 0.5, "weak"),
+    ("loss", 0.49, "slightly weak"),
+    ("intermittent", 0.1, "slightly weak"),
+    ("leak", 0.1, "leaking"),
+    ("stuck_on", 0.49, "leaking"),
+    ("leak", 0.5, "stuck open"),
+    ("stuck_on", 1.0, "stuck open"),
+    ("misalignment", 0.1, "tilted or late"),
+    ("late_opening", 3.0, "tilted or late"),
+]
+
+
+@pytest.mark.parametrize(("kind", "severity", "mode"), TABLE)
+def test_a_fault_has_the_mode_of_the_table(kind, severity, mode):
+    assert MODES[mode_of(kind, severity)] == mode
+
+
+def test_every_kind_has_a_mode_and_every_mode_a_kind():
+    assert {kind for kind, _, _ in TABLE} == set(KINDS)
+    assert {mode for _, _, mode in TABLE} == set(MODES)
+
+
+def test_what_is_no_fault_has_no_mode():
+    with pytest.raises(ValueError, match="leak"):
+        mode_of("leek", 0.5)
+    with pytest.raises(ValueError, match="a share from 0 to 1"):
+        mode_of("leak", 1.5)
