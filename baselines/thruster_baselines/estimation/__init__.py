@@ -1,6 +1,7 @@
 """Estimation: what the thrusters truly do, from what was commanded and what was measured."""
 
+from thruster_baselines.estimation.calibration_sweep import Calibration, CalibrationSweep
 from thruster_baselines.estimation.effectiveness import EffectivenessFilter, Innovation
 from thruster_baselines.estimation.noise import PhysicalNoise
 
-__all__ = ["EffectivenessFilter", "Innovation", "PhysicalNoise"]
+__all__ = ["Calibration", "CalibrationSweep", "EffectivenessFilter", "Innovation", "PhysicalNoise"]
