@@ -11,11 +11,17 @@ a for a loss and (T - u) a for thrust without command. For a fault of that size 
 between false alarms has a shorter mean delay in the worst case (Moustakides 1986); a fault below half of it
 is hardly ever found.
 
-Tuning knobs: the threshold, whose mean time between false alarms grows about as its exponential, and the two
-design sizes. Nothing is estimated, so the shortfall it reports is that of the design.
+Sums of different design sizes say when, but are no fair comparison of who: a large fault of one thruster
+looks like a smaller one of its near-twin. So for each sum c and s are added up as well since it last was at
+zero, which is where it takes the onset to be, and the thruster is blamed whose share q = c / s, cut to 0 to
+1, explains the most since then: the largest 2 q c - q^2 s.
 
-Left out: faults whose size differs much from the design (`WindowedGLR` fits it). The sums stay until a reset,
-or until a new belief.
+Tuning knobs: the threshold, whose mean time between false alarms grows about as its exponential, and the two
+design sizes: the smallest faults that have to be found. The defaults are the smallest loss and the smallest
+leak that a `FaultDistribution` draws unless told otherwise.
+
+Left out: how far the fault is from its design size in the decision when to alarm (`WindowedGLR` fits it). The
+sums stay until a reset, or until a new belief.
 """
 
 from __future__ import annotations
@@ -30,6 +36,7 @@ from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDete
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -37,7 +44,7 @@ __all__ = ["CUSUMDetector"]
 
 
 class CUSUMDetector(BaseDetector):
-    """Blames the thruster against which the most evidence has gathered.
+    """Alarms when enough evidence has gathered, and blames the thruster that explains it best.
 
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
@@ -61,7 +68,7 @@ class CUSUMDetector(BaseDetector):
     >>> gave[6] *= 0.3
     >>> alarms = [detector.update(told, detector.filter.effectiveness[0] @ gave, 1.0) for _ in range(9)]
     >>> [int(alarm.thruster[0]) for alarm in alarms]
-    [0, 0, 7, 7, 7, 7, 7, 7, 7]
+    [0, 0, 0, 0, 7, 7, 7, 7, 7]
     """
 
     def __init__(
@@ -69,8 +76,8 @@ class CUSUMDetector(BaseDetector):
         spacecraft: Spacecraft | str | Path | ArrayLike,
         threshold: float,
         *,
-        design_loss: float = 0.5,
-        design_excess: float = 0.5,
+        design_loss: float = DEFAULT_SEVERITY["loss"][0],
+        design_excess: float = DEFAULT_SEVERITY["leak"][0],
         noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
         process_noise: ArrayLike | None = None,
         initial_covariance: ArrayLike | None = None,
@@ -90,8 +97,10 @@ class CUSUMDetector(BaseDetector):
         if mask.all():
             count, _, n = self._believed.shape
             self.sums: FloatArray = np.zeros((count, 2, n))
+            self._runs: FloatArray = np.zeros((count, 4, n))
             return
         self.sums[mask] = 0.0
+        self._runs[mask] = 0.0
 
     def _judge(self, interval: Interval) -> Diagnosis:
         count, n = interval.on_times.shape
@@ -100,7 +109,7 @@ class CUSUMDetector(BaseDetector):
         _gather(
             interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
             interval.on_times, interval.duration, self._design, self.sums,
-            suspicion, shortfall, statistic, blamed,
+            self._runs, suspicion, shortfall, statistic, blamed,
         )  # fmt: skip
         return self._answer(statistic, blamed, suspicion, shortfall)
 
@@ -116,6 +125,7 @@ def _gather(
     duration: float,
     design: FloatArray,
     sums: FloatArray,
+    runs: FloatArray,
     suspicion: FloatArray,
     shortfall: FloatArray,
     statistic: FloatArray,
@@ -127,17 +137,26 @@ def _gather(
         if not valid[v]:
             continue
         evidence(residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, row)
+        best = 0.0
         for kind in range(2):
             q = design[kind]
             for i in range(n):
                 if dead[v, i]:
-                    sums[v, kind, i] = 0.0
                     continue
                 step = q * row[2 * kind, i] - 0.5 * q * q * row[2 * kind + 1, i]
                 gathered = max(0.0, sums[v, kind, i] + step)
                 sums[v, kind, i] = gathered
+                if gathered == 0.0:
+                    runs[v, 2 * kind, i] = runs[v, 2 * kind + 1, i] = 0.0
+                    continue
+                runs[v, 2 * kind, i] += row[2 * kind, i]
+                runs[v, 2 * kind + 1, i] += row[2 * kind + 1, i]
+                c, s = runs[v, 2 * kind, i], runs[v, 2 * kind + 1, i]
+                share = min(c / s, 1.0)  # c is positive wherever the sum is
+                explained = share * (2.0 * c - share * s)
                 if gathered > suspicion[v, i]:
                     suspicion[v, i] = gathered
-                    shortfall[v, i] = q * (on_times[v, i] if kind == LOSS else on_times[v, i] - duration)
-                if gathered > statistic[v]:
-                    statistic[v], blamed[v] = gathered, i + 1
+                    shortfall[v, i] = share * (on_times[v, i] if kind == LOSS else on_times[v, i] - duration)
+                statistic[v] = max(statistic[v], gathered)
+                if explained > best:
+                    best, blamed[v] = explained, i + 1

@@ -14,9 +14,11 @@ Of the mixture of all filters, `mixture` gives mean and covariance of what the t
 command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001, section
 1.4.16).
 
-Tuning knobs: the threshold on the log-odds of any fault against none; the floor, which says how much evidence
-a new fault has to gather first; the share of the weak hypothesis. The statistic is the log-odds, and zero
-where no fault is at least as probable. Costs three filters per thruster.
+The statistic is the log-odds of any fault against none, counted from the least that the floor allows, which
+is where a bank begins and where it comes to rest while nothing is wrong.
+
+Tuning knobs: the threshold on it; the floor, which bounds how much evidence is remembered; the share of the
+weak hypothesis. Costs three filters per thruster.
 
 Left out: several faults at once, shares between those of the hypotheses (the nearest wins), the coupling of a
 thruster that opens in part.
@@ -47,10 +49,9 @@ class FilterBank(BaseDetector):
 
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
-        threshold: Of the log-odds of a fault against none.
+        threshold: Of the log-odds of a fault against none, above their least.
         weak_share: What share of its thrust a weak thruster gives, between 0 and 1.
-        fault_probability: Of any fault, before anything is measured; all hypotheses have the same part of it.
-        floor: What no weight falls below.
+        floor: What no weight falls below, and with which each fault begins.
         noise: Of the measured rate change; see `thruster_baselines.detection.base`.
         process_noise: Variance that each entry of the effectiveness gains per update.
         initial_covariance: Variance of the entries at the start.
@@ -77,7 +78,6 @@ class FilterBank(BaseDetector):
         threshold: float,
         *,
         weak_share: float = 0.5,
-        fault_probability: float = 1e-3,
         floor: float = 1e-9,
         noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
         process_noise: ArrayLike | None = None,
@@ -85,19 +85,19 @@ class FilterBank(BaseDetector):
         coupling: Coupling | None = None,
         vehicles: int = 1,
     ) -> None:
-        for name, value in (("weak_share", weak_share), ("fault_probability", fault_probability)):
-            if not 0.0 < value < 1.0:
-                raise ValueError(f"{name} is {value}; between 0 and 1 would be right")
-        self.weak_share, self._fault_probability, self._floor = weak_share, fault_probability, floor
+        if not 0.0 < weak_share < 1.0:
+            raise ValueError(f"weak_share is {weak_share}; between 0 and 1 would be right")
+        if not 0.0 < floor < 1.0:
+            raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
+        self.weak_share, self._floor = weak_share, floor
         super().__init__(
             spacecraft, threshold, noise=noise, process_noise=process_noise,
             initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
         )  # fmt: skip
         hypotheses = self.log_weights.shape[1]
-        if not 0.0 < floor < 1.0 / hypotheses:
+        if not floor < 1.0 / hypotheses:
             raise ValueError(
-                f"floor is {floor}; above 0 and below 1 / {hypotheses}, as there are so many hypotheses, "
-                "would be right"
+                f"floor is {floor}; below 1 / {hypotheses}, as there are so many hypotheses, would be right"
             )
 
     def _begin(self, mask: BoolArray) -> None:
@@ -119,10 +119,8 @@ class FilterBank(BaseDetector):
         if mask.all():
             self.log_weights: FloatArray = np.empty((count, 1 + len(KINDS) * n))
         alive = np.repeat(~self._dead[mask], len(KINDS), axis=1)
-        number = np.maximum(alive.sum(axis=1, keepdims=True), 1)
-        with np.errstate(divide="ignore"):  # the hypotheses of a dead thruster: out for good
-            self.log_weights[mask, 1:] = np.log(np.where(alive, self._fault_probability / number, 0.0))
-        self.log_weights[mask, 0] = np.log1p(-self._fault_probability)
+        self.log_weights[mask, 1:] = np.where(alive, np.log(self._floor), -np.inf)
+        self.log_weights[mask, 0] = np.log(np.maximum(1.0 - self._floor * alive.sum(axis=1), self._floor))
 
     @property
     def probability(self) -> FloatArray:
@@ -248,7 +246,11 @@ def _weigh(
             if weights[h] > -np.inf:
                 weights[h] = max(weights[h], floor)
         _normalise(weights)
-        any_fault = 0.0
+        alive = 0
+        for i in range(n):
+            alive += weights[1 + 3 * i] > -np.inf
+        sound = weights[0] - np.log(1.0 - 3.0 * alive * np.exp(floor))  # against where it comes to rest
+        any_fault, most = 0.0, 0.0
         for i in range(n):
             own = 0.0
             for kind in range(3):
@@ -256,16 +258,17 @@ def _weigh(
             if own == 0.0:
                 continue
             any_fault += own
-            suspicion[v, i] = max(np.log(own) - weights[0], 0.0)
+            suspicion[v, i] = max(np.log(own / 3.0) - floor - sound, 0.0)
             spare = on_times[v, i] - duration
             expected = np.exp(weights[1 + 3 * i]) * on_times[v, i]
             expected += np.exp(weights[2 + 3 * i]) * (1.0 - weak) * on_times[v, i]
             expected += np.exp(weights[3 + 3 * i]) * spare
             shortfall[v, i] = expected / own
-            if suspicion[v, i] > 0.0 and (blamed[v] == 0 or suspicion[v, i] > suspicion[v, blamed[v] - 1]):
+            if own > most:
+                most = own
                 blamed[v] = i + 1
         if any_fault > 0.0:
-            statistic[v] = max(np.log(any_fault) - weights[0], 0.0)
+            statistic[v] = max(np.log(any_fault / (3.0 * alive)) - floor - sound, 0.0)
 
 
 @njit(error_model="numpy")

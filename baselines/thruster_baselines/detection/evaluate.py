@@ -1,0 +1,522 @@
+"""The yardstick of detectors: how soon, how surely, how often wrongly, and whom they name.
+
+One way of measuring for all, classical or learned: whatever has `update`, `reset` and `threshold`
+(`thruster_envs.protocols.Detector`). The threshold is calibrated to a stated false-alarm rate on healthy
+flights of the validation seeds; everything that is reported comes from flights of the test seeds. A vehicle
+that alarms without a fault is reset and flies on, so that one false alarm counts once.
+
+What is measured:
+
+- detection delay: from the onset of the fault to the end of the interval of the first alarm after it. A
+  missed fault counts as infinitely late, so that a detector does not look fast by missing much.
+- missed: faulty flights without an alarm after the onset.
+- false alarms: per hour of healthy flight, from how many of its intervals have one.
+- isolation: of the detected, how many are named rightly; whom they are mistaken for, in a matrix.
+- identification, where a method is given: of the rightly named, how many kinds are right, and by how much the
+  severity of those is off.
+- time of an update, of one vehicle and of each in a batch.
+- the curve of delay against false alarms, over thresholds that are calibrated to ever rarer ones; here
+  without resets, leaving out flights that alarm before the onset.
+
+Rates come with Clopper-Pearson intervals. Left out: flights in which several thrusters fail.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
+from thruster_baselines.detection.flights import Flights, FlightSource
+from thruster_baselines.detection.identification import Identification, ModelComparison
+from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray
+from thruster_envs.seeds import TEST, VALIDATION
+
+__all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_comparison", "evaluate", "table"]
+
+Identifier: TypeAlias = Callable[[Detector, IntArray], Identification]
+"""Says how the named thrusters (vehicles,), from 1 and 0 for none, fail, right after an update."""
+
+_CHUNK = 500
+"""Vehicles that fly side by side; bounds the memory that a detector takes."""
+
+_TIMED_UPDATES = 300
+"""Updates of a single vehicle that are timed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """A rate and its exact interval.
+
+    Attributes:
+        value: Successes over trials; NaN without trials.
+        low: Lower end of the Clopper-Pearson interval.
+        high: Upper end.
+        successes: How often it happened.
+        trials: Of how many times.
+    """
+
+    value: float
+    low: float
+    high: float
+    successes: int
+    trials: int
+
+    @classmethod
+    def of(cls, successes: int, trials: int, confidence: float) -> Rate:
+        """The rate of so many successes."""
+        if trials == 0:
+            return cls(math.nan, 0.0, 1.0, 0, 0)
+        low, high = clopper_pearson(successes, trials, confidence)
+        return cls(successes / trials, low, high, successes, trials)
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
+    """What one threshold gives on the test flights.
+
+    Attributes:
+        threshold: Set on the validation flights.
+        stated: False alarms per interval that it was calibrated to.
+        false_alarms_per_hour: By healthy flights with an alarm.
+        median_delay: s, over the faulty flights without an alarm before the onset; infinite if half of them
+            are missed.
+        missed: Share of those flights.
+    """
+
+    threshold: float
+    stated: float
+    false_alarms_per_hour: float
+    median_delay: float
+    missed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What the yardstick says of one detector. Times in s.
+
+    Attributes:
+        name: Of the detector.
+        calibration: The threshold and how it was found.
+        median_delay: Over all faulty flights; infinite if half are missed.
+        delay_90: The delay that nine of ten do not exceed.
+        missed: Of the faulty flights.
+        false_alarms: Of the healthy intervals.
+        false_alarms_per_hour: The same per hour of flight: value, lower and upper end.
+        hours_between_false_alarms: Its inverse: value, lower and upper end; infinite without an alarm.
+        isolated: Of the detected, how many are named rightly.
+        confusion: (n + 1, n + 2) flights. Row 0: healthy, row i: thruster i fails. Column 0: no alarm, column
+            i: thruster i named, last column: an alarm that names nobody.
+        identified: Of the rightly named, how many kinds are right; None without a method for it.
+        severity_error: Median of the absolute error of the severity where the kind is right; None without.
+        by_kind: For each kind of fault its missed rate and median delay.
+        curve: Delay against false alarms.
+        update_time: Median of an update of a single vehicle.
+        update_time_in_batch: Per vehicle.
+        flights: Faulty ones, and as many healthy ones.
+        intervals: In each.
+        duration: Of an interval.
+    """
+
+    name: str
+    calibration: Calibration
+    median_delay: float
+    delay_90: float
+    missed: Rate
+    false_alarms: Rate
+    false_alarms_per_hour: tuple[float, float, float]
+    hours_between_false_alarms: tuple[float, float, float]
+    isolated: Rate
+    confusion: tuple[tuple[int, ...], ...]
+    identified: Rate | None
+    severity_error: float | None
+    by_kind: dict[str, tuple[Rate, float]]
+    curve: tuple[CurvePoint, ...]
+    update_time: float
+    update_time_in_batch: float
+    flights: int
+    intervals: int
+    duration: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; what is infinite or no number becomes None, as JSON has neither."""
+        plain: dict[str, Any] = _plain(dataclasses.asdict(self))
+        return plain
+
+    def to_json(self) -> str:
+        """All of it as JSON."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    def to_markdown(self) -> str:
+        """The row of this detector, with the head of the table, and its confusion matrix."""
+        n = len(self.confusion) - 1
+        names = [str(i) for i in range(1, n + 1)]
+        lines = [
+            table([self]),
+            "",
+            "Rows: the thruster that fails; columns: the one that is named.",
+            "",
+            "| | no alarm | " + " | ".join(names) + " | nobody |",
+            "|" + "---|" * (n + 3),
+        ]
+        for name, row in zip(["healthy", *names], self.confusion, strict=True):
+            lines.append(f"| {name} | " + " | ".join(str(one) for one in row) + " |")
+        return "\n".join(lines)
+
+    def figure(self, path: str | Path) -> None:
+        """Draw the curve of delay against false alarms and the confusion matrix into a file."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # only here: needs the agents' extra
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(11.0, 4.5), layout="constrained")
+        FigureCanvasAgg(figure)
+        left, right = figure.subplots(1, 2)
+        drawn = [one for one in self.curve if math.isfinite(one.median_delay)]
+        left.plot(
+            [one.false_alarms_per_hour for one in drawn], [one.median_delay for one in drawn], marker="o"
+        )
+        left.set_xscale("symlog", linthresh=3600.0 / (self.flights * self.intervals * self.duration))
+        left.set_xlabel("false alarms per hour")
+        left.set_ylabel("median detection delay (s)")
+        left.set_title(self.name)
+        left.grid(visible=True, alpha=0.3)
+        matrix = np.array(self.confusion, dtype=np.float64)
+        shares = matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1.0)
+        image = right.imshow(shares, vmin=0.0, vmax=1.0, cmap="viridis")
+        names = [str(i) for i in range(1, matrix.shape[0])]
+        right.set_xticks(range(matrix.shape[1]), ["no alarm", *names, "nobody"], rotation=90)
+        right.set_yticks(range(matrix.shape[0]), ["healthy", *names])
+        right.set_xlabel("named")
+        right.set_ylabel("fails")
+        figure.colorbar(image, ax=right, label="share of flights")
+        figure.savefig(path, dpi=120)
+
+
+def table(evaluations: Sequence[Evaluation]) -> str:
+    """A Markdown table, one row for each detector; intervals in brackets."""
+    head = [
+        "detector", "threshold", "median delay (s)", "90 % delay (s)", "missed", "false alarms per hour",
+        "mean time between (h)", "named rightly", "kind right", "severity error", "update (µs)",
+        "in batch (µs)",
+    ]  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    for one in evaluations:
+        cells = [
+            one.name,
+            f"{one.calibration.threshold:.4g}",
+            _seconds(one.median_delay),
+            _seconds(one.delay_90),
+            _share(one.missed),
+            _three(one.false_alarms_per_hour),
+            _three(one.hours_between_false_alarms),
+            _share(one.isolated),
+            "" if one.identified is None else _share(one.identified),
+            "" if one.severity_error is None else f"{one.severity_error:.3f}",
+            f"{1e6 * one.update_time:.1f}",
+            f"{1e6 * one.update_time_in_batch:.2f}",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def by_model_comparison(comparison: ModelComparison) -> Identifier:
+    """Identification by comparing models, for detectors that keep their last interval (`BaseDetector`)."""
+
+    def identify(detector: Detector, thruster: IntArray) -> Identification:
+        last = getattr(detector, "last", None)
+        if last is None:
+            raise ValueError(
+                f"{type(detector).__name__} keeps no interval in `last`; a detector built on BaseDetector, "
+                "or an identifier of its own, would be right"
+            )
+        return comparison(last, thruster)
+
+    return identify
+
+
+def evaluate(
+    make: Callable[[int], Detector],
+    source: FlightSource,
+    *,
+    name: str,
+    false_alarms: float,
+    validation: Sequence[int] = VALIDATION[:2000],
+    test: Sequence[int] = TEST[:2000],
+    confidence: float = 0.95,
+    identify: Identifier | None = None,
+    rates: Sequence[float] = tuple(np.logspace(-1.0, -4.0, 13).tolist()),
+) -> Evaluation:
+    """Measure one detector.
+
+    Args:
+        make: Builds a detector for so many vehicles.
+        source: Of flights; see `RandomFlights`.
+        name: Of the detector, for people.
+        false_alarms: Rate per interval that the threshold is calibrated to.
+        validation: Seeds of the flights on which thresholds are set.
+        test: Seeds of the flights that are reported on.
+        confidence: Of the calibration and of all intervals.
+        identify: Says how a named thruster fails; see `by_model_comparison`.
+        rates: Of the curve, per interval; those that the validation flights cannot show are left out.
+
+    Raises:
+        ValueError: Seeds that stand in both sets; too few validation flights for the rate.
+    """
+    both = set(validation) & set(test)
+    if both:
+        raise ValueError(
+            f"seed {min(both)} is in validation and in test; disjoint sets, as in thruster_envs.seeds, would "
+            "be right"
+        )
+    calm = _statistics(make, source(validation, False))
+    calibration = threshold_for_rate(calm, false_alarms, confidence)
+    healthy, faulty = source(test, False), source(test, True)
+    duration, intervals = healthy.duration, healthy.on_times.shape[1]
+
+    quiet = _fly(make, healthy, calibration.threshold, None)
+    flown = _fly(make, faulty, calibration.threshold, identify)
+    struck = faulty.onset < intervals * duration
+    delays = np.where(flown.found, flown.end - faulty.onset, np.inf)[struck]
+    missed = int((~flown.found[struck]).sum())
+    right = struck & flown.found & (flown.named == faulty.thruster)
+    rate = Rate.of(quiet.false_alarms, healthy.on_times.shape[0] * intervals, confidence)
+    per_hour = (rate.value * 3600.0 / duration, rate.low * 3600.0 / duration, rate.high * 3600.0 / duration)
+    identified, severity_error = None, None
+    if identify is not None:
+        truth = [_family(kind, size) for kind, size in zip(faulty.kind, faulty.severity, strict=True)]
+        fits = right & np.array([one == other for one, other in zip(flown.kind, truth, strict=True)])
+        identified = Rate.of(int(fits.sum()), int(right.sum()), confidence)
+        if fits.any():
+            severity_error = float(np.median(np.abs(flown.severity - faulty.severity)[fits]))
+    return Evaluation(
+        name=name,
+        calibration=calibration,
+        median_delay=_quantile(delays, 0.5),
+        delay_90=_quantile(delays, 0.9),
+        missed=Rate.of(missed, int(struck.sum()), confidence),
+        false_alarms=rate,
+        false_alarms_per_hour=per_hour,
+        hours_between_false_alarms=(_inverse(per_hour[0]), _inverse(per_hour[2]), _inverse(per_hour[1])),
+        isolated=Rate.of(int(right.sum()), int(struck.sum()) - missed, confidence),
+        confusion=_confusion(healthy, quiet, faulty, flown, struck),
+        identified=identified,
+        severity_error=severity_error,
+        by_kind=_by_kind(faulty, flown, struck, confidence),
+        curve=_curve(make, calm, healthy, faulty, rates, confidence),
+        update_time=_time_alone(make, healthy),
+        update_time_in_batch=quiet.seconds / (healthy.on_times.shape[0] * intervals),
+        flights=int(struck.sum()),
+        intervals=intervals,
+        duration=duration,
+    )
+
+
+class _Flown:
+    """What a detector did on some flights.
+
+    Attributes:
+        found: (flights,), whether there was an alarm that counts: the first one after the onset, or the first
+            at all in a healthy flight.
+        end: (flights,), s: the end of its interval.
+        named: (flights,), from 1; 0 for nobody.
+        kind: Of each flight, what was identified.
+        severity: (flights,).
+        false_alarms: Before the onset, all flights together.
+        seconds: Of computing time in updates.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.found = np.zeros(count, np.bool_)
+        self.end = np.full(count, np.inf)
+        self.named = np.zeros(count, np.int64)
+        self.kind = ["none"] * count
+        self.severity = np.zeros(count)
+        self.false_alarms = 0
+        self.seconds = 0.0
+
+
+def _fly(
+    make: Callable[[int], Detector], flights: Flights, threshold: float, identify: Identifier | None
+) -> _Flown:
+    """Fly them with resets after false alarms."""
+    count, intervals = flights.on_times.shape[:2]
+    flown = _Flown(count)
+    for first in range(0, count, _CHUNK):
+        part = slice(first, min(first + _CHUNK, count))
+        detector = make(part.stop - part.start)
+        detector.threshold = threshold
+        detector.reset()
+        healthy = np.isinf(flights.onset[part])
+        for t in range(intervals):
+            begin = time.perf_counter()
+            diagnosis = detector.update(
+                flights.on_times[part, t], flights.rate_change[part, t], flights.duration,
+                valid=flights.valid[part, t],
+            )  # fmt: skip
+            flown.seconds += time.perf_counter() - begin
+            end = (t + 1) * flights.duration
+            early = diagnosis.detected & (end <= flights.onset[part])
+            flown.false_alarms += int(early.sum())
+            counts = diagnosis.detected & ~flown.found[part] & (healthy | ~early)
+            if counts.any():
+                flown.found[part] |= counts
+                flown.end[part][counts] = end
+                flown.named[part][counts] = diagnosis.thruster[counts]
+                if identify is not None:
+                    answer = identify(detector, np.where(counts, diagnosis.thruster, 0))
+                    flown.severity[part][counts] = answer.severity[counts]
+                    for at in np.flatnonzero(counts):
+                        flown.kind[first + at] = answer.kind[at]
+            if early.any():
+                detector.reset(early)
+    return flown
+
+
+def _statistics(make: Callable[[int], Detector], flights: Flights) -> FloatArray:
+    """(flights, intervals): the statistic all along, without any alarm."""
+    count, intervals = flights.on_times.shape[:2]
+    found = np.empty((count, intervals))
+    for first in range(0, count, _CHUNK):
+        part = slice(first, min(first + _CHUNK, count))
+        detector = make(part.stop - part.start)
+        detector.threshold = math.inf
+        detector.reset()
+        for t in range(intervals):
+            found[part, t] = detector.update(
+                flights.on_times[part, t], flights.rate_change[part, t], flights.duration,
+                valid=flights.valid[part, t],
+            ).statistic  # fmt: skip
+    return found
+
+
+def _curve(
+    make: Callable[[int], Detector],
+    calm: FloatArray,
+    healthy: Flights,
+    faulty: Flights,
+    rates: Sequence[float],
+    confidence: float,
+) -> tuple[CurvePoint, ...]:
+    quiet, ill = _statistics(make, healthy), _statistics(make, faulty)
+    intervals, duration = quiet.shape[1], healthy.duration
+    ends = (1.0 + np.arange(intervals)) * duration
+    struck = faulty.onset < intervals * duration
+    before = ends <= faulty.onset[:, np.newaxis]
+    points = []
+    for rate in rates:
+        try:
+            threshold = threshold_for_rate(calm, rate, confidence).threshold
+        except ValueError:  # rarer than the validation flights can show
+            continue
+        alarms = ill > threshold
+        counted = struck & ~(alarms & before).any(axis=1)
+        found = alarms[counted].any(axis=1)
+        delays = np.where(found, ends[alarms[counted].argmax(axis=1)] - faulty.onset[counted], np.inf)
+        with_alarm = (quiet > threshold).any(axis=1).mean()
+        per_interval = -math.expm1(math.log1p(-with_alarm) / intervals) if with_alarm < 1.0 else 1.0
+        points.append(
+            CurvePoint(
+                threshold=threshold,
+                stated=float(rate),
+                false_alarms_per_hour=per_interval * 3600.0 / duration,
+                median_delay=_quantile(delays, 0.5),
+                missed=1.0 - float(found.mean()) if found.size else math.nan,
+            )
+        )
+    return tuple(points)
+
+
+def _confusion(
+    healthy: Flights, quiet: _Flown, faulty: Flights, flown: _Flown, struck: BoolArray
+) -> tuple[tuple[int, ...], ...]:
+    n = healthy.on_times.shape[2]
+    matrix = np.zeros((n + 1, n + 2), np.int64)
+    for truth, result in ((healthy.thruster, quiet), (np.where(struck, faulty.thruster, -1), flown)):
+        named = np.where(result.found, np.where(result.named > 0, result.named, n + 1), 0)
+        np.add.at(matrix, (truth[truth >= 0], named[truth >= 0]), 1)
+    return tuple(tuple(int(one) for one in row) for row in matrix)
+
+
+def _by_kind(
+    faulty: Flights, flown: _Flown, struck: BoolArray, confidence: float
+) -> dict[str, tuple[Rate, float]]:
+    kinds = np.array(faulty.kind)
+    answer = {}
+    for kind in sorted(set(faulty.kind)):
+        own = struck & (kinds == kind)
+        if own.any():
+            found = flown.found[own]
+            delays = np.where(found, flown.end[own] - faulty.onset[own], np.inf)
+            answer[kind] = (
+                Rate.of(int((~found).sum()), int(own.sum()), confidence), _quantile(delays, 0.5)
+            )  # fmt: skip
+    return answer
+
+
+def _time_alone(make: Callable[[int], Detector], flights: Flights) -> float:
+    """Median of an update of a single vehicle, s."""
+    detector = make(1)
+    taken = []
+    for update in range(_TIMED_UPDATES):
+        flight, t = divmod(update, flights.on_times.shape[1])
+        flight %= flights.on_times.shape[0]
+        at = np.s_[flight : flight + 1, t]
+        begin = time.perf_counter()
+        detector.update(
+            flights.on_times[at], flights.rate_change[at], flights.duration, valid=flights.valid[at]
+        )
+        taken.append(time.perf_counter() - begin)
+    return float(np.median(taken))
+
+
+def _family(kind: str, size: float) -> str:
+    """The kind that a fault looks like: what is all lost is off, what is lost in part is a loss."""
+    if kind in ("stuck_off", "loss", "intermittent"):
+        return "stuck_off" if size == 1.0 else "loss"
+    if kind == "leak" and size == 1.0:
+        return "stuck_on"
+    return kind
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    """The smallest value that this share of the values does not exceed; it may be infinite."""
+    if values.size == 0:
+        return math.nan
+    return float(np.sort(values)[max(math.ceil(share * values.size) - 1, 0)])
+
+
+def _inverse(rate: float) -> float:
+    return 1.0 / rate if rate > 0.0 else math.inf
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "missed"
+
+
+def _share(rate: Rate) -> str:
+    if rate.trials == 0:
+        return ""
+    return f"{100.0 * rate.value:.1f} % ({100.0 * rate.low:.1f} to {100.0 * rate.high:.1f})"
+
+
+def _three(values: tuple[float, float, float]) -> str:
+    return f"{values[0]:.3g} ({values[1]:.3g} to {values[2]:.3g})"

@@ -1,0 +1,227 @@
+"""Flights on which detectors are measured: what was told, what was measured, and what was truly wrong.
+
+Any source of such flights will do; here is the simplest, `RandomFlights`: a vehicle that fires at random and
+measures its velocity after each interval, with the faults of a `FaultDistribution`. Modelled: the shared
+feed, through which partly open valves take their share, the scatter of each firing, all kinds of fault but
+misalignment, sensor errors of each velocity, so that those of consecutive rate changes are correlated as they
+are in truth, and measurements that are missing or spoilt. A flight is a function of its seed alone.
+
+Left out: motion without thrust, gyroscopic coupling, valve delays and minimum pulses, which flights of the
+environments have. A fault is as severe all through an interval as it is in the middle of it, so onsets on the
+grid of intervals are exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import KINDS, FaultDistribution
+from thruster_envs.faults import encoding as code
+from thruster_envs.faults.sampling import draw_faults
+from thruster_envs.physics.firing import apply_fault, is_active, severity
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["FlightSource", "Flights", "RandomFlights"]
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Flights of equal length, and the fault of each.
+
+    Attributes:
+        on_times: (flights, intervals, n), s, as commanded.
+        rate_change: (flights, intervals, m), m/s then rad/s, body axes, as measured, motion without thrust
+            taken off.
+        valid: (flights, intervals), where there is a measurement.
+        duration: Of an interval, s.
+        thruster: (flights,), the one that fails, from 1; 0 in a healthy flight.
+        kind: (flights,), a kind of `thruster_envs.faults.KINDS`, or `none`.
+        severity: (flights,), as `thruster_envs.faults.Fault` has it; 0 in a healthy flight.
+        onset: (flights,), s since the start; infinite in a healthy flight.
+    """
+
+    on_times: FloatArray
+    rate_change: FloatArray
+    valid: BoolArray
+    duration: float
+    thruster: IntArray
+    kind: tuple[str, ...]
+    severity: FloatArray
+    onset: FloatArray
+
+
+class FlightSource(Protocol):
+    """Where flights come from."""
+
+    def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:
+        """One flight for each seed: all of them healthy, or each with one fault."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomFlights:
+    """A vehicle that fires at random.
+
+    Attributes:
+        spacecraft: What flies.
+        faults: What fails in a faulty flight. Exactly one fault strikes, whatever its `probability` and
+            `count`.
+        intervals: In a flight.
+        duration: Of an interval, s.
+        open_share: Probability that a thruster is told to fire in an interval.
+        longest: Longest on-time, s; they are uniform up to it. By default the duration.
+        bad_measurements: Share of the measurements that are bad: one third each is missing, no number, and
+            far outside of what the thrusters can do.
+
+    Raises:
+        ValueError: A value that cannot be.
+
+    >>> from thruster_envs.spacecraft import load
+    >>> source = RandomFlights(spacecraft=load("orion"), intervals=20)
+    >>> flights = source(range(3), faulty=True)
+    >>> flights.on_times.shape, flights.kind
+    ((3, 20, 12), ('stuck_off', 'stuck_off', 'stuck_off'))
+    """
+
+    spacecraft: Spacecraft
+    faults: FaultDistribution = field(
+        default_factory=lambda: FaultDistribution(kinds=("stuck_off",), onset=(5.0, 15.0), onset_grid=1.0)
+    )
+    intervals: int = 60
+    duration: float = 1.0
+    open_share: float = 1.0 / 3.0
+    longest: float | None = None
+    bad_measurements: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.intervals < 1:
+            raise ValueError(f"intervals is {self.intervals}; one or more would be right")
+        if not 0.0 < self.duration < math.inf:
+            raise ValueError(f"duration is {self.duration}; a positive number of s would be right")
+        for name in ("open_share", "bad_measurements"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"{name} is {value}; a share from 0 to 1 would be right")
+        if self.longest is not None and not 0.0 < self.longest <= self.duration:
+            raise ValueError(
+                f"longest is {self.longest}; above 0 and up to the duration of {self.duration} s would be "
+                "right"
+            )
+        if "misalignment" in self.faults.kind_weights():
+            raise ValueError(
+                "faults has misalignment, which these flights do not model; other kinds, or flights of an "
+                "environment, would be right"
+            )
+
+    def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:
+        """One flight for each seed. A healthy and a faulty one of the same seed are told the same."""
+        craft, count, n = self.spacecraft, len(seeds), self.spacecraft.number_of_thrusters
+        on_times, share = np.empty((2, count, self.intervals, n))
+        errors, badness = np.empty((count, self.intervals + 1, 6)), np.empty((count, self.intervals, 2))
+        longest = self.duration if self.longest is None else self.longest
+        scatter = np.array([one.scatter for one in craft.thrusters])
+        for flight, seed in enumerate(seeds):
+            rng = np.random.default_rng(seed)
+            told = rng.random((self.intervals, n)) < self.open_share
+            on_times[flight] = told * rng.uniform(0.0, longest, told.shape)
+            share[flight] = 1.0 + scatter * rng.uniform(-1.0, 1.0, told.shape)
+            errors[flight] = rng.normal(size=errors.shape[1:])
+            badness[flight] = rng.random(badness.shape[1:])
+        rows = np.zeros((count, 1, 1, len(code.FAULT_FIELDS)))
+        if faulty:
+            one_each = dataclasses.replace(self.faults, probability=1.0, count=(1, 1))
+            _draw(rows, one_each.encode(n), n, np.array(seeds, dtype=np.uint64))
+        delivered = np.empty_like(on_times)
+        _deliver(on_times, rows[:, 0, 0], self.duration, craft.feed.coupling, delivered)
+        sensors = np.repeat([craft.sensors.velocity, craft.sensors.rate], 3)
+        rate_change = (share * delivered) @ craft.effectiveness().T + sensors * np.diff(errors, axis=1)
+        valid = self._spoil(rate_change, badness)
+        return Flights(
+            on_times=on_times,
+            rate_change=rate_change,
+            valid=valid,
+            duration=self.duration,
+            thruster=rows[:, 0, 0, code.FIELD_THRUSTER].astype(np.int64) + 1
+            if faulty
+            else np.zeros(count, np.int64),
+            kind=tuple(KINDS[int(one) - 1] if one > 0 else "none" for one in rows[:, 0, 0, code.FIELD_KIND]),
+            severity=rows[:, 0, 0, code.FIELD_SEVERITY].copy(),
+            onset=rows[:, 0, 0, code.FIELD_ONSET].copy() if faulty else np.full(count, np.inf),
+        )
+
+    def _spoil(self, rate_change: FloatArray, badness: FloatArray) -> BoolArray:
+        """Make some of them bad; returns where there is one at all."""
+        bad = badness[..., 0] < self.bad_measurements
+        which = np.floor(3.0 * badness[..., 1])
+        rate_change[bad & (which == 1.0)] = np.nan
+        rate_change[bad & (which == 2.0)] += 1e3 * self.spacecraft.authority(self.duration)
+        valid: BoolArray = ~(bad & (which == 0.0))
+        return valid
+
+
+@njit(cache=True)
+def _draw(rows: FloatArray, table: FloatArray, thrusters: int, seeds: NDArray[np.uint64]) -> None:
+    for flight in range(rows.shape[0]):
+        draw_faults(rows[flight], table, thrusters, 0, seeds[flight], np.uint64(0))
+
+
+@njit(error_model="numpy", cache=True)
+def _deliver(
+    on_times: FloatArray, faults: FloatArray, duration: float, coupling: float, delivered: FloatArray
+) -> None:
+    """Effective on-times: how long each would have to fire alone and sound to give what it gives.
+
+    Args:
+        on_times: (flights, intervals, n), s.
+        faults: (flights, 9), one for each flight; all zeros for none.
+        duration: s.
+        coupling: Share of thrust lost per further thruster open.
+        delivered: (flights, intervals, n), s, written.
+    """
+    flights, intervals, n = on_times.shape
+    floor, slope, gain, told = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    edges, opening = np.empty(n + 2), np.empty(n)
+    for flight in range(flights):
+        fault = faults[flight]
+        thruster = int(fault[code.FIELD_THRUSTER])
+        for t in range(intervals):
+            for i in range(n):
+                floor[i], slope[i], gain[i], told[i] = 0.0, 1.0, 1.0, on_times[flight, t, i]
+            middle = (t + 0.5) * duration
+            if is_active(fault, middle):
+                size = severity(fault, middle)
+                if fault[code.FIELD_KIND] == code.LATE_OPENING:
+                    told[thruster] = max(told[thruster] - size, 0.0)
+                floor[thruster], slope[thruster], gain[thruster] = apply_fault(
+                    int(fault[code.FIELD_KIND]), size, 0.0, 1.0, 1.0
+                )
+            edges[0] = 0.0
+            for i in range(n):  # told, upwards
+                place = i + 1
+                while edges[place - 1] > told[i]:
+                    edges[place] = edges[place - 1]
+                    place -= 1
+                edges[place] = told[i]
+            edges[n + 1] = duration
+            for i in range(n):
+                delivered[flight, t, i] = 0.0
+            for piece in range(n + 1):
+                start, length = edges[piece], edges[piece + 1] - edges[piece]
+                if length <= 0.0:
+                    continue
+                together = 0.0
+                for i in range(n):
+                    opening[i] = floor[i] + (slope[i] if told[i] > start else 0.0)
+                    together += opening[i]
+                for i in range(n):
+                    through = max(1.0 - coupling * (together - opening[i]), 0.0)
+                    delivered[flight, t, i] += length * gain[i] * opening[i] * through
