@@ -42,7 +42,7 @@ class Effort:
 
 
 FULL = Effort()
-QUICK = Effort(samples=100, repetitions=20, flights=1)
+QUICK = Effort(samples=20, repetitions=5, flights=1)
 """Shows that a reproduction runs; says nothing about its result."""
 
 
