@@ -227,6 +227,16 @@ def test_slots_change_every_leg_and_fill_the_cube():
     assert not np.concatenate(drawn)[:, 3:].any()
 
 
+def test_by_default_the_cube_suits_the_vehicle():
+    """A third of 0.03 m/s on Orion, at 0.002 m/s asked for in a period for each m of distance."""
+    assert begin(FaultDiagnosis()).state.model.limits[2] == pytest.approx(5.0, rel=1e-12)
+    batch = begin(
+        FaultDiagnosis(spacecraft="spheres", faults={"probability": 1.0, "kinds": ["stuck_off"]}), 100
+    )
+    for _ in range(FLIGHT):
+        assert not batch.step(nothing(100)).terminated.any()
+
+
 def test_the_declaration_is_in_the_next_observation():
     batch = begin(FaultDiagnosis(), worlds=3)
     declared = np.array([[[0, 4]], [[12, 5]], [[1, 0]]])

@@ -35,7 +35,7 @@ class ActiveDiagnosis(FaultDiagnosis):
         soft_rate_limit: Body rate from which on ``info["cost"]`` counts, rad/s.
     """
 
-    reach: float = 0.0
+    reach: float | None = 0.0
     test_duties: tuple[float, ...] = (0.1, 0.4)
     budget: float = 60.0
     fuel_cost: float = 0.1

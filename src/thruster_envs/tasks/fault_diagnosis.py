@@ -115,7 +115,8 @@ class FaultDiagnosis(Task):
 
     Attributes:
         pilot: None for the scripted pilot, or a :class:`~thruster_envs.protocols.Pilot`.
-        reach: Half-size of the cube about the origin in which slots are drawn, m.
+        reach: Half-size of the cube about the origin in which slots are drawn, m; None for that from which
+            the scripted pilot goes back to the origin with a third of the vehicle's authority.
         leg: Control periods from one slot change to the next.
         delay_cost: What it costs not to notice a fault during a whole flight.
         false_alarm_cost: What it costs to declare a fault that is not there during a whole flight.
@@ -126,7 +127,7 @@ class FaultDiagnosis(Task):
     """
 
     pilot: Any = None
-    reach: float = 5.0
+    reach: float | None = None
     leg: int = 15
     delay_cost: float = 1.0
     false_alarm_cost: float = 2.0
@@ -147,7 +148,8 @@ class FaultDiagnosis(Task):
             value = getattr(self, name)
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
-        for name in ("reach", "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"):
+        reach = () if self.reach is None else ("reach",)
+        for name in (*reach, "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
@@ -220,13 +222,16 @@ class FaultDiagnosis(Task):
     def _model(self) -> DiagnosisModel:
         vehicle, period = self.vehicle, self.vehicle.control_period
         numbers = MappingModel.of(vehicle)
+        frequencies = TRANSLATION / period, ROTATION / period
+        pull = frequencies[0] ** 2 * period  # m/s that the pilot asks for in a period, for each m of distance
+        reach = numbers.authority[:3].min() / (3.0 * pull) if self.reach is None else self.reach
         limits = (
-            period, vehicle.mean_motion, self.reach, float(self.leg), self.range_limit, self.rate_limit,
+            period, vehicle.mean_motion, reach, float(self.leg), self.range_limit, self.rate_limit,
             self.rate_soft_limit(),
             self.delay_cost / FLIGHT, self.false_alarm_cost / FLIGHT, self.wrong_name_cost / FLIGHT,
             self.wrong_mode_cost / FLIGHT,
         )  # fmt: skip
-        pilot = dataclasses.replace(Pilot.of(vehicle), frequencies=(TRANSLATION / period, ROTATION / period))
+        pilot = dataclasses.replace(Pilot.of(vehicle), frequencies=frequencies)
         return DiagnosisModel(numbers.authority, numbers.projection, np.array(limits), pilot)
 
     def rate_soft_limit(self) -> float:

@@ -448,8 +448,9 @@ class FaultDiagnosisEnv(TaskEnv):
 
     ## Episode End
 
-    Terminates when the craft is further than 500 m from its slot or turns faster than 1 rad/s, which under
-    the scripted pilot takes more than one fault. Truncated after 120 periods (10 minutes).
+    Terminates when the craft is further than 500 m from its slot or turns faster than 1 rad/s. Under the
+    scripted pilot no fault of the default distribution brings Orion to that; one that is stuck open mostly
+    makes SPHERES turn so fast. Truncated after 120 periods (10 minutes).
 
     ## Information
 
@@ -482,7 +483,9 @@ class FaultDiagnosisEnv(TaskEnv):
     - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `pilot`: None for the scripted pilot, or a `thruster_envs.protocols.Pilot`: a callable that turns what
       the flight software of all worlds sees into their duties. An `EnvSpec` with one does not go into JSON.
-    - `reach`: half-size of the cube in which slots are drawn, m. `leg`: periods between two slots.
+    - `reach`: half-size of the cube in which slots are drawn, m; None (5 m on Orion) for that from which the
+      scripted pilot goes back to the origin with a third of the vehicle's authority. `leg`: periods between
+      two slots.
     - `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`: what each costs if it lasts for
       a whole flight; 1, 2, 1.5 and 0.5 by default.
     - `range_limit`, `rate_limit`: bounds, m and rad/s.
