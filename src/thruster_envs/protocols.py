@@ -20,7 +20,18 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Allocation", "FloatArray", "IntArray", "Mapper", "MapperWithMemory", "Pilot", "Sight"]
+__all__ = [
+    "Allocation",
+    "BoolArray",
+    "Detector",
+    "Diagnosis",
+    "FloatArray",
+    "IntArray",
+    "Mapper",
+    "MapperWithMemory",
+    "Pilot",
+    "Sight",
+]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]

@@ -11,7 +11,17 @@ from thruster_baselines.detection.calibration import (
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
+from thruster_baselines.detection.evaluate import (
+    CurvePoint,
+    Evaluation,
+    Identifier,
+    Rate,
+    by_model_comparison,
+    evaluate,
+    table,
+)
 from thruster_baselines.detection.filter_bank import FilterBank
+from thruster_baselines.detection.flights import Flights, FlightSource, RandomFlights
 from thruster_baselines.detection.glr import GLRDetector
 from thruster_baselines.detection.identification import (
     Identification,
@@ -26,22 +36,32 @@ __all__ = [
     "BaseDetector",
     "CUSUMDetector",
     "Calibration",
+    "CurvePoint",
     "EstimatorThreshold",
+    "Evaluation",
     "FilterBank",
     "Firings",
+    "FlightSource",
+    "Flights",
     "GLRDetector",
     "GenericChiSquared",
     "Identification",
+    "Identifier",
     "Interval",
     "ModelComparison",
+    "RandomFlights",
+    "Rate",
     "ResponseTest",
     "SetChiSquared",
     "Severity",
     "SingleChiSquared",
     "WindowedGLR",
+    "by_model_comparison",
     "chi_squared_threshold",
+    "evaluate",
     "healthy_firings",
     "least_squares_severity",
+    "table",
     "threshold_for",
     "threshold_for_rate",
 ]
