@@ -245,7 +245,7 @@ def test_a_coin_is_measured_as_a_coin():
     assert sum(one.resets for one in made) >= 90  # a false alarm is followed by a reset
 
 
-def test_a_detector_that_sleeps_is_infinitely_late():
+def test_a_detector_that_sleeps_is_infinitely_late(tmp_path):
     class Asleep(Coin):
         def update(self, on_times, rate_change, duration, *, valid=None):
             zeros = np.zeros((self.vehicles, 12))
@@ -267,6 +267,7 @@ def test_a_detector_that_sleeps_is_infinitely_late():
         "value": 1.0, "low": found.missed.low, "high": 1.0, "successes": 100, "trials": 100,
     }  # fmt: skip
     assert "| missed | missed | 100.0 %" in table([found])
+    found.figure(tmp_path / "asleep.png")  # with nothing on its curve
 
 
 def test_thresholds_are_set_on_validation_and_reported_on_test():
@@ -362,6 +363,7 @@ def test_results_travel_as_json_markdown_and_a_picture(tmp_path):
     assert [point.threshold for point in found.curve] == sorted(point.threshold for point in found.curve)
     delays = [point.median_delay for point in found.curve]
     assert delays == sorted(delays)  # rarer alarms come later
+    assert all(point.median_delay <= point.delay_90 for point in found.curve)
     assert np.array(found.confusion)[1:, -1].sum() > 0  # it names nobody
     text = found.to_markdown()
     assert text.count("\n| generic |") == 1

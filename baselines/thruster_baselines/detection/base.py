@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -29,7 +30,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.estimation import EffectivenessFilter, Innovation, PhysicalNoise
+from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
@@ -47,6 +48,7 @@ _SIGMAS = 8.0
 """How many standard deviations of the sensors a measurement may lie beyond what thrusters can give."""
 
 
+@dataclass(frozen=True, slots=True)
 class Interval:
     """One interval, as a detector sees it after the checks.
 
@@ -61,22 +63,14 @@ class Interval:
         covariance: (vehicles, m, m), of the residual if nothing is wrong.
     """
 
-    __slots__ = (
-        "commanded", "covariance", "duration", "effectiveness", "on_times", "rate_change", "residual", "valid"
-    )  # fmt: skip
-
-    def __init__(
-        self,
-        commanded: FloatArray,
-        on_times: FloatArray,
-        rate_change: FloatArray,
-        duration: float,
-        effectiveness: FloatArray,
-        innovation: Innovation,
-    ) -> None:
-        self.commanded, self.on_times, self.rate_change = commanded, on_times, rate_change
-        self.duration, self.effectiveness, self.valid = duration, effectiveness, innovation.valid
-        self.residual, self.covariance = innovation.residual, innovation.covariance
+    commanded: FloatArray
+    on_times: FloatArray
+    rate_change: FloatArray
+    duration: float
+    valid: BoolArray
+    effectiveness: FloatArray
+    residual: FloatArray
+    covariance: FloatArray
 
 
 class BaseDetector(ABC):
@@ -250,12 +244,13 @@ class BaseDetector(ABC):
                 f"on_times of vehicle {vehicle}, thruster {thruster + 1} is {commanded[vehicle, thruster]}; "
                 "a finite number of s, zero or more, would be right"
             )
-        before = self.filter.effectiveness
-        if self.filter.form != "known":  # which will change it
-            before = before.copy()
+        before = self.filter.effectiveness.copy()
         noise = None if self._noise is None else self._noise.of_rows(effective)
         innovation = self.filter.advance(effective, measured, there, noise)
-        return Interval(commanded, effective, measured, float(duration), before, innovation)
+        return Interval(
+            commanded, effective, measured, float(duration), innovation.valid, before,
+            innovation.residual, innovation.covariance,
+        )  # fmt: skip
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
         values = np.array(given, dtype=np.float64, order="C")
