@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.physics.flying import fly
 from thruster_baselines.detection import (
     CUSUMDetector,
     Flights,
@@ -22,7 +23,7 @@ from thruster_baselines.detection import (
 )
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import delivered_on_times
-from thruster_envs.faults import FaultDistribution
+from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.protocols import Diagnosis
 from thruster_envs.seeds import TEST, VALIDATION
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
@@ -73,11 +74,6 @@ def weaker(u, i, size):
     return delivered
 
 
-def later(u, i, size):
-    u[..., i] = np.maximum(u[..., i] - size, 0.0)
-    return delivered_on_times(u, ORION.feed.coupling)
-
-
 @pytest.mark.parametrize(
     ("kind", "size", "delivered"),
     [
@@ -86,7 +82,6 @@ def later(u, i, size):
         ("loss", 0.4, weaker),
         ("loss", 1.0, weaker),
         ("leak", 1.0, open_all_the_time),
-        ("late_opening", 0.3, later),
     ],
 )
 def test_a_fault_changes_what_is_delivered_from_its_onset_on(kind, size, delivered):
@@ -101,6 +96,23 @@ def test_a_fault_changes_what_is_delivered_from_its_onset_on(kind, size, deliver
         expected = delivered_on_times(u, ORION.feed.coupling)
         expected[3:] = delivered(u[3:], flights.thruster[flight] - 1, size)
         np.testing.assert_allclose(flights.rate_change[flight], expected @ NOMINAL.T, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["stuck_off", "stuck_on", "loss", "leak", "late_opening", "intermittent"])
+def test_what_is_delivered_is_what_the_environments_deliver(kind):
+    """The compiled flight of the environments, with the same commands and the same fault of any size."""
+    faults = FaultDistribution(
+        kinds=(kind,), severity={kind: (0.2, 1.0)}, onset=(5.0, 5.0), profile_time=(20.0, 20.0)
+    )
+    source = RandomFlights(spacecraft=EXACT, faults=faults, intervals=6, duration=5.0, open_share=0.5)
+    flights = source(range(5), faulty=True)
+    for flight in range(5):
+        fault = Fault(
+            int(flights.thruster[flight]), kind, severity=float(flights.severity[flight]), onset=5.0
+        )
+        flown = fly(EXACT, flights.on_times[flight] / 5.0, faults=[fault])
+        expected = flown.delivered @ NOMINAL.T
+        np.testing.assert_allclose(flights.rate_change[flight], expected, rtol=0, atol=1e-12)
 
 
 def test_a_partly_open_valve_takes_its_share_of_the_feed():

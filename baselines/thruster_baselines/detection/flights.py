@@ -189,38 +189,39 @@ def _deliver(
     """
     flights, intervals, n = on_times.shape
     floor, slope, gain, told = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    edges, opening = np.empty(n + 2), np.empty(n)
+    edges, opening = np.empty(n + 3), np.empty(n)
     for flight in range(flights):
         fault = faults[flight]
         thruster = int(fault[code.FIELD_THRUSTER])
         for t in range(intervals):
             for i in range(n):
                 floor[i], slope[i], gain[i], told[i] = 0.0, 1.0, 1.0, on_times[flight, t, i]
-            middle = (t + 0.5) * duration
+            late, middle = 0.0, (t + 0.5) * duration
             if is_active(fault, middle):
                 size = severity(fault, middle)
                 if fault[code.FIELD_KIND] == code.LATE_OPENING:
-                    told[thruster] = max(told[thruster] - size, 0.0)
+                    late = min(size, duration)
                 floor[thruster], slope[thruster], gain[thruster] = apply_fault(
                     int(fault[code.FIELD_KIND]), size, 0.0, 1.0, 1.0
                 )
             edges[0] = 0.0
-            for i in range(n):  # told, upwards
-                place = i + 1
-                while edges[place - 1] > told[i]:
+            for i in range(n + 1):  # when valves shut, and when the late one opens, upwards
+                edge, place = late if i == n else told[i], i + 1
+                while edges[place - 1] > edge:
                     edges[place] = edges[place - 1]
                     place -= 1
-                edges[place] = told[i]
-            edges[n + 1] = duration
+                edges[place] = edge
+            edges[n + 2] = duration
             for i in range(n):
                 delivered[flight, t, i] = 0.0
-            for piece in range(n + 1):
+            for piece in range(n + 2):
                 start, length = edges[piece], edges[piece + 1] - edges[piece]
                 if length <= 0.0:
                     continue
                 together = 0.0
                 for i in range(n):
-                    opening[i] = floor[i] + (slope[i] if told[i] > start else 0.0)
+                    shut = told[i] <= start or (i == thruster and start < late)
+                    opening[i] = floor[i] + (0.0 if shut else slope[i])
                     together += opening[i]
                 for i in range(n):
                     through = max(1.0 - coupling * (together - opening[i]), 0.0)
