@@ -14,12 +14,14 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     catalogue = files("thruster_envs.spacecraft").joinpath("catalogue", "orion.toml")
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
+    names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(README), "exec"), names)  # the user's paste
-    assert "4.5" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "4.5" in printed
+    assert "4.065" in printed
 
 
 def test_it_states_the_score_that_training_is_held_to():
@@ -31,4 +33,6 @@ def test_it_states_the_score_that_training_is_held_to():
 
 def test_its_pictures_and_pages_are_there():
     for target in re.findall(r"\]\(((?:docs|src)/[^)]+|[A-Z]+\.cff)\)", README.read_text()):
-        assert (README.parent / target).exists(), target
+        path, _, anchor = target.partition("#")
+        assert (README.parent / path).exists(), target
+        assert not anchor or f'id="{anchor}"' in (README.parent / path).read_text(encoding="utf-8"), target
