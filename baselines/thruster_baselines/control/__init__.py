@@ -1,13 +1,29 @@
-"""Control: closed loops from measurements to thruster duties."""
+"""Control: closed loops from measurements to thruster duties, with or without a diagnosis of thrusters."""
 
+from thruster_baselines.control.classical_pilot import (
+    ClassicalPilot,
+    Decision,
+    DiagnosisSettings,
+    settings_for,
+)
+from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
 from thruster_baselines.control.navigation import RelativeNavigation
+from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
 
 __all__ = [
+    "ClassicalPilot",
+    "Decision",
+    "DiagnosisSettings",
+    "FaultAllocation",
+    "Measured",
+    "ObservationReader",
     "RelativeNavigation",
     "RendezvousCommandPolicy",
     "RendezvousController",
     "RendezvousPolicy",
     "RendezvousSettings",
+    "ThrusterBelief",
+    "settings_for",
 ]

@@ -9,7 +9,9 @@ Beyond the source, because attitude is flown here:
 
 - The test is asked only about what a thruster can have done: lost what it was told to fire, or fired when it
   was not told to. Thrusters of like force and opposite torque (1 and 10 of Orion) look alike after a short
-  pulse. Nobody is named before one suspect is ahead of all others; until then evidence adds up.
+  pulse. Nobody is named before one suspect is ahead of all others; until then evidence adds up, and one that
+  is suspected of being stuck open is cleared as soon as it is silent.
+- A thruster that has not fired for long is fired for a moment, together with those that cancel it.
 - A fault begins anywhere in a period, so that the first interval shows only part of it. What is believed of a
   named thruster is a share of its thrust with a variance, which later firings correct.
 - A valve that is stuck open cannot be shut off: the others hold against it (`FaultAllocation`).
@@ -35,11 +37,12 @@ from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternions import rotation_matrix, turned
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
+from thruster_baselines.detection.base import Interval
 from thruster_baselines.detection.glr import GLRDetector
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.guidance.hcw import transition_matrix
-from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper
+from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper, LPMapper
 from thruster_envs.protocols import Diagnosis, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -88,6 +91,8 @@ class DiagnosisSettings:
         drift: How much of that share is added per interval, as a standard deviation.
         pointing: Error of the attitude in which a thrust acted, rad, and its growth per rad turned meanwhile.
         longest_gap: Periods without a measurement that may be taken as one interval.
+        probe_interval: A thruster that did not fire for as long as this is fired for a test, s.
+        probe_pulse: Length of that, s; 0 for no tests.
     """
 
     threshold: float = 30.0
@@ -102,6 +107,8 @@ class DiagnosisSettings:
     drift: float = 1e-4
     pointing: tuple[float, float] = (0.02, 0.2)
     longest_gap: int = 3
+    probe_interval: float = 800.0
+    probe_pulse: float = 0.3
 
 
 def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:
@@ -174,6 +181,7 @@ class ClassicalPilot:
             initial_covariance=np.square(how.initial_deviation * strongest),
             coupling=0.0,  # it is given on-times with the loss taken off
         )
+        self._plain_mapper = LPMapper(spacecraft)
         self._comparison = ModelComparison(spacecraft, coupling=0.0)
         self._reader = ObservationReader(spacecraft, steps)
         self.log: list[Decision] = []
@@ -189,7 +197,9 @@ class ClassicalPilot:
         self.refused = 0
         self._variance = np.zeros(n)
         self._named = np.zeros(n, np.bool_)
-        self._evidence = np.zeros(n)
+        self._evidence = np.zeros((2, n))  # of a loss, and of thrust without command
+        self._suspicious: tuple[Interval, Diagnosis] | None = None  # the last interval that was
+        self._heard = np.zeros(n)  # step in which each thruster last fired long enough to be judged
         self._on_times = np.zeros(n)
         self._before: Measured | None = None
         self._gap = 0  # periods since that measurement
@@ -230,8 +240,11 @@ class ClassicalPilot:
             self._fired, self._longest = np.zeros_like(self._fired), 0.0
         command = self.controller.decide(self.time)
         self._on_times = self.allocation(command, self.belief)
-        if self.belief.stuck_on.any():
-            self._hold(command)
+        uneven = bool((self.belief.share < 1.0).any()) and bool(command[:3].any())
+        if uneven or self.belief.stuck_on.any():
+            self._steady(command)
+        if self._diagnosis is not None:
+            self._probe(self._diagnosis)
         duties = self._on_times / self.spacecraft.control_period
         return (2.0 * duties - 1.0).astype(np.float32)
 
@@ -243,23 +256,33 @@ class ClassicalPilot:
             self.log.append(Decision(self.time, "told", int(i) + 1, kind, float(belief.share[i]), math.nan))
         self._believe(belief)
 
-    def _hold(self, command: FloatArray) -> None:
-        """Correct on-times that hold against a stuck thruster for how far they turn the body meanwhile.
+    def _steady(self, command: FloatArray) -> None:
+        """Correct the on-times for how far they turn the body within the period.
 
-        The controller takes rotation as changed at once. Here large torques cancel over a period without
-        cancelling at each moment; what they leave is an angle. The rate to end with is the one that takes the
-        angle at the end of the period back, and none at the end of the flight.
+        The controller takes rotation as changed at once. With thrusters of unlike strength, torques cancel
+        over a period and not at each moment, and what they leave is an angle. Where that would leave the dead
+        band, and always while others hold against a stuck thruster, the rate to end with is the one that
+        takes the angle at the end of the period back; at the end of the flight it is none.
         """
-        period, settings = self.spacecraft.control_period, self.controller.settings
+        period, settings, stuck = (
+            self.spacecraft.control_period,
+            self.controller.settings,
+            self.belief.stuck_on,
+        )
         effect = self.allocation.effectiveness(self.belief)[3:]
-        last = self._reader.step >= self.steps - 1
-        angle = self.navigation.attitude_error + self.navigation.relative_rate * period
-        for _ in range(_HOLDING_PASSES):
+        to_go, rate = self.steps - self._reader.step, self.navigation.relative_rate
+        settling = to_go <= settings.settling
+        band = settings.final_dead_band if settling else settings.dead_band
+        back_in = _LAST_RETURN if settling else settings.return_time_burning
+        wanted = command.copy()
+        for _ in range(_STEADYING_PASSES):
             acting = self.allocation.acting(self._on_times, self.belief)
             delivered = self.allocation.delivered(self._on_times, self.belief)
-            after = angle + effect @ (delivered * (period - 0.5 * acting))
-            back = np.zeros(3) if last else -after / settings.return_time_burning
-            wanted = np.concatenate([command[:3], back - self.navigation.relative_rate])
+            turned_by = effect @ (delivered * (period - 0.5 * acting))
+            after = self.navigation.attitude_error + rate * period + turned_by
+            back = np.zeros(3) if to_go <= 1 else -after / back_in
+            outside = np.abs(after + (rate + wanted[3:]) * settings.look_ahead) > band
+            wanted[3:] = np.where(outside | stuck.any(), back - rate, command[3:])
             self._on_times = self.allocation(wanted, self.belief)
 
     def _believe(self, belief: ThrusterBelief) -> None:
@@ -294,10 +317,11 @@ class ClassicalPilot:
         if diagnosis.detected[0] and self.detector.last is not None:
             # What a faulty thruster did must not teach the filter anything about those that fired with it.
             self.detector.filter.effectiveness[:] = self.detector.last.effectiveness
-        named = self._name(diagnosis, how, duration)
+        self._heard[self._fired >= _JUDGED * how.probe_pulse] = self._reader.step
+        named = self._name(diagnosis, how)
         if named > 0:
             acting = acting.copy()
-            acting[named - 1] = self._identify(named, diagnosis, how, acting[named - 1])
+            acting[named - 1] = self._identify(named, how, acting[named - 1])
         self._refine(how, skip=named)
         return acting
 
@@ -325,37 +349,51 @@ class ClassicalPilot:
         """At the start of the interval: the filtered one, or the measured one if navigation has moved on."""
         return self.navigation.attitude if self._gap == 1 else before.attitude
 
-    def _name(self, diagnosis: Diagnosis, how: DiagnosisSettings, duration: float) -> int:
-        """The thruster, from 1, that is ahead of all others if something is wrong; 0 otherwise."""
-        statistic = float(diagnosis.statistic[0])
-        if not diagnosis.detected[0]:
-            self._evidence *= 0.5
-            return 0
-        self._evidence = self._evidence + self._possible(diagnosis, duration)
-        first, second = np.argsort(self._evidence)[[-1, -2]]
-        if self._evidence[first] - self._evidence[second] < how.lead:
-            self.log.append(Decision(self.time, "suspected", int(first) + 1, "", math.nan, statistic))
-            return 0
-        self._evidence = np.zeros_like(self._evidence)
-        return int(first) + 1
+    def _name(self, diagnosis: Diagnosis, how: DiagnosisSettings) -> int:
+        """The thruster, from 1, that is ahead of all others if something is wrong; 0 otherwise.
 
-    def _possible(self, diagnosis: Diagnosis, duration: float) -> FloatArray:
-        """(n,): likelihood ratios of each thruster, its shortfall kept within what it can have done.
-
-        It can have lost what it fired, or fired until the end of the interval.
+        Evidence for thrust without command is void as soon as an interval passes without any: a valve that
+        is stuck open would have shown again. Evidence for a loss stays for as long as that.
         """
-        shortfall, ratio = diagnosis.shortfall[0], diagnosis.suspicion[0]
-        size = np.where(ratio > 0.0, ratio / np.where(shortfall == 0.0, 1.0, shortfall) ** 2, 0.0)
-        can_be = np.clip(shortfall, self._fired - duration, self._fired)
-        possible: FloatArray = np.maximum(ratio - size * np.square(shortfall - can_be), 0.0)
-        return possible
+        statistic, interval = float(diagnosis.statistic[0]), self.detector.last
+        assert interval is not None
+        if diagnosis.detected[0]:
+            self._evidence = self._evidence + self._possible(diagnosis, interval)
+            self._suspicious = (interval, diagnosis)
+        elif self._suspicious is None or not interval.valid[0]:
+            return 0
+        else:
+            self._evidence[1] = 0.0
+        best = self._evidence.max(axis=0)
+        first, second = np.argsort(best)[[-1, -2]]
+        if best[first] > self.detector.threshold and best[first] - best[second] >= how.lead:
+            return int(first) + 1
+        if diagnosis.detected[0]:
+            self.log.append(Decision(self.time, "suspected", int(first) + 1, "", math.nan, statistic))
+        else:
+            self._evidence, self._suspicious = np.zeros_like(self._evidence), None
+        return 0
 
-    def _identify(self, thruster: int, diagnosis: Diagnosis, how: DiagnosisSettings, acted: float) -> float:
+    def _possible(self, diagnosis: Diagnosis, interval: Interval) -> FloatArray:
+        """(2, n): likelihood ratios that each thruster lost thrust, and that it fired without command.
+
+        Its shortfall is kept within what it can have done: lost what it fired, or fired until the end of the
+        interval.
+        """
+        shortfall, ratio, fired = diagnosis.shortfall[0], diagnosis.suspicion[0], interval.on_times[0]
+        size = np.where(ratio > 0.0, ratio / np.where(shortfall == 0.0, 1.0, shortfall) ** 2, 0.0)
+        can_be = np.clip(shortfall, fired - interval.duration, fired)
+        possible = np.maximum(ratio - size * np.square(shortfall - can_be), 0.0)
+        return np.stack([np.where(shortfall > 0.0, possible, 0.0), np.where(shortfall < 0.0, possible, 0.0)])
+
+    def _identify(self, thruster: int, how: DiagnosisSettings, acted: float) -> float:
         """Correct the belief about a named thruster; returns for how long it acted in the last period, s."""
+        assert self._suspicious is not None
+        interval, diagnosis = self._suspicious
+        self._evidence, self._suspicious = np.zeros_like(self._evidence), None
         i = thruster - 1
         statistic, short = float(diagnosis.statistic[0]), float(diagnosis.shortfall[0, i])
-        stuck, interval = bool(self.belief.stuck_on[i]), self.detector.last
-        assert interval is not None
+        stuck = bool(self.belief.stuck_on[i])
         kind = self._comparison(interval, [thruster]).kind[0]
         if kind == "none":
             return acted
@@ -364,7 +402,7 @@ class ClassicalPilot:
             self._variance[i] = how.open_deviation**2
             self._change(thruster, "named", 1.0, True, statistic)
             return min(acted - short, self.spacecraft.control_period)
-        share, variance = self._observed_share(i)
+        share, variance = self._observed_share(i, interval)
         share = min(max(share, 0.0), 1.0)
         if stuck and share < how.dead_level:  # it was not
             self._named[i] = False
@@ -377,17 +415,40 @@ class ClassicalPilot:
         self._change(thruster, "named", self._rounded(share, how), stuck, statistic)
         return acted
 
-    def _observed_share(self, i: int) -> tuple[float, float]:
-        """What thruster `i` (from 0) gave of its nominal thrust in the last interval, and the variance."""
-        interval = self.detector.last
-        assert interval is not None
+    def _observed_share(self, i: int, interval: Interval) -> tuple[float, float]:
+        """What thruster `i` (from 0) gave of its nominal thrust in an interval, and the variance."""
         believed = float(self.belief.share[i])
         column = interval.effectiveness[0, :, i]
         weighed = np.linalg.solve(interval.covariance[0], column)
         size = float(weighed @ column)
         more = float(weighed @ interval.residual[0]) / size  # s of firing
-        fired = float(self._fired[i])
+        fired = float(interval.on_times[0, i])
         return believed * (1.0 + more / fired), (believed / fired) ** 2 / size
+
+    def _probe(self, how: DiagnosisSettings) -> None:
+        """While all is quiet, fire the thruster that was not heard of for longest, and what cancels it.
+
+        Nobody moves by that, and whoever fails to fire shows. Without it, a fault of a thruster that is
+        needed for the last burn only is found when it is too late.
+        """
+        step, period = self._reader.step, self.spacecraft.control_period
+        settling = self.steps - step <= self.controller.settings.settling
+        if how.probe_pulse == 0.0 or settling or self._on_times.any() or self.belief.stuck_on.any():
+            return
+        if self._suspicious is not None:
+            return
+        silence = np.where(self.belief.share > 0.0, (step - self._heard) * period, 0.0)
+        i = int(silence.argmax())
+        if silence[i] < how.probe_interval:
+            return
+        self._heard[i] = step  # even if the others cannot cancel it
+        others = self.allocation.effectiveness(self.belief)
+        push = others[:, i] * how.probe_pulse
+        others[:, i] = 0.0
+        answer = self._plain_mapper(-push, effectiveness=others)
+        if np.abs(answer.slack).max() <= _ROUND_OFF:
+            self._on_times = answer.on_times.copy()
+            self._on_times[i] = how.probe_pulse
 
     def _refine(self, how: DiagnosisSettings, skip: int) -> None:
         """Let what named thrusters gave in the last interval correct what is believed of them."""
@@ -399,7 +460,7 @@ class ClassicalPilot:
             alive = self.belief.share[i] > 0.0
             if i + 1 == skip or not alive or self._fired[i] < _LEAST_FIRING * self.spacecraft.control_period:
                 continue
-            seen, variance = self._observed_share(int(i))
+            seen, variance = self._observed_share(int(i), interval)
             known = self._variance[i] + how.drift**2
             gain = known / (known + variance)
             share = float(self.belief.share[i]) + gain * (seen - float(self.belief.share[i]))
@@ -425,7 +486,10 @@ class ClassicalPilot:
 
 
 _HOLDING = 4  # thrusters open at once while others hold against one that is stuck on
-_HOLDING_PASSES = 2
+_STEADYING_PASSES = 2
+_LAST_RETURN = 8.0  # s: in which an angle is taken back while settling
+_JUDGED = 0.5  # of a probe's length, loss taken off: a firing as long as that says as much
+_ROUND_OFF = 1e-9  # m/s, rad/s
 _LEAST_FIRING = 0.1  # of a period: shorter firings say too little of a share
 
 

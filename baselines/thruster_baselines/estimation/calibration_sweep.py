@@ -139,7 +139,7 @@ class CalibrationSweep:
         """(firings m, firings m): covariance of all rate changes if the thrusters are (n, m)."""
         firings, m = self.order.size, self._believed.shape[0]
         shared = np.eye(firings) - 0.5 * (np.eye(firings, k=1) + np.eye(firings, k=-1))
-        errors = np.kron(shared, np.diag(self._noise.sensors))
+        errors: FloatArray = np.kron(shared, np.diag(self._noise.sensors)).astype(np.float64)
         for k, i in enumerate(self.order - 1):
             astray = self._noise.scatter[i] * self.on_times[k, i] * columns[i]
             block = slice(k * m, (k + 1) * m)

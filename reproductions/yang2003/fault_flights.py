@@ -1,0 +1,250 @@
+"""Flights of `OrionRendezvous-v0` with one random fault each, flown by pilots that know more or less of it.
+
+One thruster fails in the first third of the flight: it is dead, gives half of its thrust, or stays open;
+which one, how and when is drawn from the seed of the flight. All pilots plan with the same planner and
+allocate with the same mapper; they differ in what they know:
+
+- the oracle is told which thruster fails, and how, at the first decision after it did;
+- the classical pilot finds out by itself;
+- the blind one finds out nothing, but plans anew from where the craft is;
+- the open-loop one follows the plan of the start without looking;
+- the last one does nothing.
+
+Where a flight ended is taken from the true state.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import thruster_envs  # noqa: F401 - registers the environments
+from reproductions.yang2003.rendezvous_flights import ENVIRONMENT
+from thruster_baselines.control.classical_pilot import ClassicalPilot, Decision
+from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
+from thruster_baselines.control.observed import ObservationReader
+from thruster_baselines.control.quaternions import attitude_error
+from thruster_baselines.control.rendezvous import RendezvousSettings
+from thruster_baselines.guidance import RendezvousPlanner
+from thruster_envs.faults import KINDS, FaultDistribution
+from thruster_envs.physics import layout as at
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["FAULT_KINDS", "PILOTS", "Flight", "fly", "fly_all"]
+
+FAULT_KINDS = ("stuck_off", "loss", "stuck_on")
+_HALF = 0.5
+_FEW = 10  # up to so many flights are flown in this process
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How a flight went.
+
+    Attributes:
+        pilot: Who flew.
+        seed: Of the episode.
+        kind: Of the fault, as `thruster_envs.faults.KINDS` has it.
+        thruster: That failed, from 1.
+        onset: When it did, s; the first decision after it.
+        success: Whether the craft was in the terminal box when the time was up.
+        lost: Whether it went out of bounds on the way.
+        miss: Distance from the target at the end, or where it was lost, m.
+        speed: There, m/s.
+        angle: Between body and LVLH, there, rad.
+        rate: Of the body, inertial, there, rad/s.
+        firing_time: Thruster-seconds of open valve.
+        decisions: What a pilot that diagnoses decided, but for what it refused.
+    """
+
+    pilot: str
+    seed: int
+    kind: str
+    thruster: int
+    onset: float
+    success: bool
+    lost: bool
+    miss: float
+    speed: float
+    angle: float
+    rate: float
+    firing_time: float
+    decisions: tuple[Decision, ...]
+
+
+class Pilot(ABC):
+    """Acts on what it sees."""
+
+    @abstractmethod
+    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Action (n,), -1 to 1."""
+
+    def tell(self, truth: Mapping[str, Any]) -> None:  # noqa: B027 - most are told nothing
+        """Hear `info["fault"]` of this moment, before acting."""
+
+    @property
+    def log(self) -> Sequence[Decision]:
+        """What it decided so far."""
+        return ()
+
+
+class Classical(Pilot):
+    """Diagnoses by itself."""
+
+    def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
+        self._pilot = ClassicalPilot(spacecraft, steps)
+
+    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """As it decides."""
+        return self._pilot(observation)
+
+    @property
+    def log(self) -> Sequence[Decision]:
+        """What it decided so far."""
+        return self._pilot.log
+
+
+class Blind(Classical):
+    """The same, but without diagnosis."""
+
+    def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
+        self._pilot = ClassicalPilot(spacecraft, steps, diagnosis=None)
+
+
+class Oracle(Blind):
+    """Told of each fault at the first decision after its onset."""
+
+    def tell(self, truth: Mapping[str, Any]) -> None:
+        """Believe what is true."""
+        known = self._pilot.belief
+        belief = ThrusterBelief.healthy(known.share.size)
+        for slot in np.flatnonzero(truth["active"]):
+            stuck_on = KINDS[int(truth["kind"][slot]) - 1] == "stuck_on"
+            share = 1.0 if stuck_on else 1.0 - float(truth["severity"][slot])
+            belief = belief.changed(int(truth["thruster"][slot]), share=share, stuck_on=stuck_on)
+        if (belief.share != known.share).any() or (belief.stuck_on != known.stuck_on).any():
+            self._pilot.tell(belief)
+
+
+class OpenLoop(Pilot):
+    """Plans once, from the first measurement, and does what the plan says."""
+
+    def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
+        settings = RendezvousSettings()
+        longest = settings.planned_share * spacecraft.control_period
+        self._planner = RendezvousPlanner(
+            spacecraft, longest, max_total_on_time=settings.planned_thrusters * longest
+        )
+        self._allocation = FaultAllocation(spacecraft)
+        self._reader = ObservationReader(spacecraft, steps)
+        self._steps, self._changes = steps, np.zeros((0, 6))
+
+    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The next step of the plan."""
+        measured = self._reader.read(observation)
+        if self._reader.step == 0 and measured is not None:
+            start = np.concatenate([measured.position, measured.velocity])
+            self._changes = self._planner(start, self._steps).rate_changes
+        healthy = ThrusterBelief.healthy(self._allocation.nominal.shape[1])
+        on_times = self._allocation(self._changes[self._reader.step], healthy)
+        return (2.0 * on_times / self._allocation.spacecraft.control_period - 1.0).astype(np.float32)
+
+
+class NoFiring(Pilot):
+    """Commands nothing."""
+
+    def __init__(self, spacecraft: Spacecraft, _steps: int) -> None:
+        self._action = np.full(spacecraft.number_of_thrusters, -1.0, np.float32)
+
+    def __call__(self, _observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """All valves shut."""
+        return self._action
+
+
+PILOTS: dict[str, Callable[[Spacecraft, int], Pilot]] = {
+    "oracle": Oracle,
+    "classical": Classical,
+    "blind": Blind,
+    "open loop": OpenLoop,
+    "does nothing": NoFiring,
+}
+
+
+def fly_all(seeds: Sequence[int], orbits: float = 0.5) -> list[Flight]:
+    """Fly each seed with each pilot; many are shared among the processors.
+
+    Args:
+        seeds: Of the episodes.
+        orbits: Time for the rendezvous.
+    """
+    jobs = [(pilot, seed) for seed in seeds for pilot in PILOTS]
+    fly_one = partial(_fly_job, orbits=orbits)
+    if len(seeds) <= _FEW:
+        return [fly_one(job) for job in jobs]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(fly_one, jobs, chunksize=len(PILOTS)))
+
+
+def _fly_job(job: tuple[str, int], orbits: float) -> Flight:
+    return fly(*job, orbits=orbits)
+
+
+def fly(pilot: str, seed: int, orbits: float = 0.5) -> Flight:
+    """Fly one episode.
+
+    Args:
+        pilot: One of `PILOTS`.
+        seed: Of the episode; the fault is drawn from it too.
+        orbits: Time for the rendezvous.
+    """
+    env: Any = gym.make(ENVIRONMENT, orbits=orbits, disable_env_checker=True)
+    task, worlds = env.unwrapped.task, env.unwrapped.worlds
+    duration = task.steps * task.vehicle.control_period
+    faults = FaultDistribution(
+        probability=1.0,
+        kinds=FAULT_KINDS,
+        severity={"loss": (_HALF, _HALF)},
+        onset=(0.0, duration / 3.0),
+    )
+    observation, info = env.reset(seed=seed, options={"faults": faults})
+    flown_by = PILOTS[pilot](task.vehicle, task.steps)
+    onset, over, steps = duration, False, 0
+    while not over:
+        if info["fault"]["active"].any():
+            onset = min(onset, steps * task.vehicle.control_period)
+        flown_by.tell(info["fault"])
+        observation, _, over, _, info = env.step(flown_by(observation))
+        steps += 1
+    position, velocity, attitude, rate = np.split(_state(worlds), [3, 6, 10])
+    slot = int(np.argmax(info["fault"]["thruster"] > 0))
+    return Flight(
+        pilot=pilot,
+        seed=seed,
+        kind=KINDS[int(info["fault"]["kind"][slot]) - 1],
+        thruster=int(info["fault"]["thruster"][slot]),
+        onset=onset,
+        success=bool(info["success"]),
+        lost=steps < task.steps,
+        miss=float(np.linalg.norm(position)),
+        speed=float(np.linalg.norm(velocity)),
+        angle=float(np.linalg.norm(attitude_error(attitude))),
+        rate=float(np.linalg.norm(rate)),
+        firing_time=float(info["fuel"]),
+        decisions=tuple(one for one in flown_by.log if one.what != "refused"),
+    )
+
+
+def _state(worlds: Any) -> FloatArray:
+    """(13,): true position, velocity, attitude and rate, which info leaves out."""
+    state: FloatArray = worlds.state.fleet.read(at.POSITION, 13)[0, 0]
+    return state
