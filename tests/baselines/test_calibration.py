@@ -59,7 +59,7 @@ def test_healthy_likelihood_ratios_of_the_reference(
 
 
 def test_scatter_matters_more_than_sensors():
-    """Yang 2003, section 6.5.1: doubling the firing errors raises alarms more than doubling the sensors'."""
+    """Yang 2003, section 6.4.2: doubling the firing errors raises alarms more than doubling the sensors'."""
     wide = ALONE.replace(
         thrusters=[one.__class__(**(vars(one) | {"scatter": 2.0 * one.scatter})) for one in ALONE.thrusters]
     )

@@ -28,7 +28,7 @@ TABLE_1 = np.array(
 """Yang 2003, Table 1: four actuators, each with its own set of axes."""
 
 FIRED = np.isin(np.arange(12), [0, 5, 9, 11]).astype(float)
-"""The firing of Yang 2003, section 6.5.4: thrusters 1, 6, 10 and 12, for a second."""
+"""The firing of Yang 2003, section 6.4.3: thrusters 1, 6, 10 and 12, for a second."""
 
 MAKERS = [
     lambda vehicles=1, **more: EstimatorThreshold(ORION, vehicles=vehicles, **more),

@@ -14,7 +14,7 @@ from thruster_envs.spacecraft import load
 ORION = load("orion")
 NOMINAL = ORION.effectiveness()
 FIRED = np.isin(np.arange(12), [0, 5, 9, 11]).astype(float)
-"""The firing of Yang 2003, section 6.5.4: thrusters 1, 6, 10 and 12, for a second."""
+"""The firing of Yang 2003, section 6.4.3: thrusters 1, 6, 10 and 12, for a second."""
 
 
 @pytest.mark.parametrize("period", [1.0, 5.0])

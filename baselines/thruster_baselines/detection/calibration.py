@@ -3,7 +3,7 @@
 A threshold is an order statistic of what a detector gave on healthy vehicles: as low as it can be while the
 exact (Clopper-Pearson) upper bound of the rate at which it is exceeded stays at or below the stated rate.
 So it holds with the stated confidence, whatever the distribution; too little data is refused, with the number
-that would do. The source takes the smallest threshold without an alarm instead (Yang 2003, section 6.5.1),
+that would do. The source takes the smallest threshold without an alarm instead (Yang 2003, section 6.4.2),
 which says nothing of the rate.
 
 Statistics of a detector that gathers evidence depend on each other from interval to interval. Given as

@@ -2,7 +2,7 @@
 
 The statistic of a thruster is the share that the filter's estimate of its column has lost against what is
 believed of it, measured along that column with each axis in units of the strongest thruster on it; the source
-blames below 80 % or 60 % of nominal (Yang 2003, section 4.3.1).
+blames below 80 % or 60 % of nominal (Yang 2003, section 5.2.1).
 
 Two tuning knobs: the threshold on the lost share, and how fast the filter follows, the ratio of its process
 noise to its measurement noise. With the source's 0.01 to 10 a dead thruster fired alone for a second at a

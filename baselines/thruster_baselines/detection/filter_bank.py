@@ -11,8 +11,7 @@ and all are scaled to sum to one (Magill 1965). Weights are kept as logarithms, 
 orders of magnitude, and never below a floor, since a thruster that was sound for an hour may still fail.
 
 Of the mixture of all filters, `mixture` gives mean and covariance of what the thrusters do per second of
-command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001, section
-1.4.16).
+command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001).
 
 The statistic is the log-odds of any fault against none, counted from the least that the floor allows, which
 is where a bank begins and where it comes to rest while nothing is wrong.

@@ -34,7 +34,7 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["SOURCE_THRESHOLD", "GLRDetector"]
 
 SOURCE_THRESHOLD = 5.5e-5
-"""What the source selected for Orion with R = 10 and intervals of 1 s (Yang 2003, section 6.5.2)."""
+"""What the source selected for Orion with R = 10 and intervals of 1 s (Yang 2003, section 6.4.2)."""
 
 
 class GLRDetector(BaseDetector):

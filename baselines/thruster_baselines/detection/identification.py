@@ -1,6 +1,6 @@
 """What is wrong with a thruster that a detector has named: model comparison, and a severity by least squares.
 
-Model comparison (Yang 2003, section 5.4) asks which of a few models of the fault leaves the smallest
+Model comparison (Yang 2003, section 5.3.1) asks which of a few models of the fault leaves the smallest
 residual: for each one the rate change is predicted, and the squared distance from what was measured, weighed
 by the inverse of the detector's covariance Y, is its statistic. The models of thruster i, with its effective
 on-time u_i in an interval of length T:
@@ -10,7 +10,7 @@ on-time u_i in an interval of length T:
 - loss: it gives a share d of its thrust, for each of a few levels d;
 - leak: it lets a share of full thrust through while it is shut, for each of a few levels;
 - stuck on: it fires for all of T. The source takes the longest on-time that may be commanded, 5 s, even where
-  the interval is 1 s (Yang 2003, eq. 104); an interval cannot hold more than its own length.
+  the interval is 1 s (Yang 2003, section 6.4.4); an interval cannot hold more than its own length.
 
 What cannot be told from no fault in this interval, a loss of a thruster that was not fired, a leak of one
 that fired all the time, is left out, with an infinite statistic. With a dead valve the others get more from

@@ -14,7 +14,7 @@ source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n 
 - `by_axis`: they are diagonal, with one number per axis. Axes do not mix: m matrices of n x n.
 - `full`: any R. One matrix of (m n) x (m n).
 - `fired_only`: as `full`, but only what belongs to thrusters that fired is updated (Yang 2003, section
-  4.2.2). It ignores what a joint firing once taught about idle thrusters, so it is an approximation.
+  4.2.4). It ignores what a joint firing once taught about idle thrusters, so it is an approximation.
 
 Updates are in Joseph's form, expanded, which keeps covariances symmetric and positive whatever round-off does
 to the gain. Everything is batched over vehicles.
@@ -66,7 +66,7 @@ class EffectivenessFilter:
         process_noise: Variance that every entry gains per update: one number, or (m,) per axis.
         measurement_noise: Variance of the rate change: one number, (m,) per axis, or (m, m).
         initial_covariance: Variance of the entries of the first estimate, as `process_noise` is given; by
-            default the process noise (Yang 2003, section 4.2.1).
+            default the process noise (Yang 2003, section 4.2.2).
         vehicles: How many are watched.
         form: How the covariance is carried; by default the cheapest form that is exact.
 
