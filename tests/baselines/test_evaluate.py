@@ -348,10 +348,12 @@ def test_what_is_identified_is_compared_with_the_truth():
     assert (best.identified.value, best.severity_error) == (1.0, 0.0)
     off = sum(kind == "stuck_off" for kind in flights.kind) / 200
     assert abs(worst.identified.value - off) < 0.1
-    assert worst.severity_error == 0.0
+    assert worst.severity_error is None  # there is only one way of being off
     compared = run(by_model_comparison(ModelComparison(ORION)))
     assert worst.identified.value < compared.identified.value < 1.0
     assert compared.identified.value > 0.9
+    # a loss of 0.5 to 0.7 found by the nearest of four levels is off by 0.05 on the average
+    assert 0.0 < compared.severity_error < 0.05
     assert run(None).identified is None
 
 

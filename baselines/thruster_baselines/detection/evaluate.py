@@ -13,7 +13,7 @@ What is measured:
 - false alarms: per hour of healthy flight, from how many of its intervals have one.
 - isolation: of the detected, how many are named rightly; whom they are mistaken for, in a matrix.
 - identification, where a method is given: of the rightly named, how many kinds are right, and by how much the
-  severity of those is off.
+  severity of those is off that can be more or less severe.
 - time of an update, of one vehicle and of each in a batch.
 - the curve of delay against false alarms, over thresholds that are calibrated to ever rarer ones; here
   without resets, leaving out flights that alarm before the onset.
@@ -36,7 +36,11 @@ import numpy as np
 
 from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
 from thruster_baselines.detection.flights import Flights, FlightSource
-from thruster_baselines.detection.identification import Identification, ModelComparison
+from thruster_baselines.detection.identification import (
+    Identification,
+    ModelComparison,
+    least_squares_severity,
+)
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
@@ -119,7 +123,8 @@ class Evaluation:
         confusion: (n + 1, n + 2) flights. Row 0: healthy, row i: thruster i fails. Column 0: no alarm, column
             i: thruster i named, last column: an alarm that names nobody.
         identified: Of the rightly named, how many kinds are right; None without a method for it.
-        severity_error: Median of the absolute error of the severity where the kind is right; None without.
+        severity_error: Median of the absolute error of the severity where the kind is right, and is neither
+            all off nor all on; None without such flights.
         by_kind: For each kind of fault its missed rate and median delay.
         curve: Delay against false alarms.
         update_time: Median of an update of a single vehicle.
@@ -236,7 +241,10 @@ def table(evaluations: Sequence[Evaluation]) -> str:
 
 
 def by_model_comparison(comparison: ModelComparison) -> Identifier:
-    """Identification by comparing models, for detectors that keep their last interval (`BaseDetector`)."""
+    """Identification by comparing models, for detectors that keep their last interval (`BaseDetector`).
+
+    The size of a loss or of a leak is that of least squares, which is not held to the levels of the models.
+    """
 
     def identify(detector: Detector, thruster: IntArray) -> Identification:
         last = getattr(detector, "last", None)
@@ -245,7 +253,12 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
                 f"{type(detector).__name__} keeps no interval in `last`; a detector built on BaseDetector, "
                 "or an identifier of its own, would be right"
             )
-        return comparison(last, thruster)
+        answer, size = comparison(last, thruster), least_squares_severity(last, thruster)
+        kinds = np.array(answer.kind)
+        severity = np.where(
+            kinds == "loss", size.loss, np.where(kinds == "leak", size.opening, answer.severity)
+        )
+        return dataclasses.replace(answer, severity=severity)
 
     return identify
 
@@ -302,8 +315,9 @@ def evaluate(
         truth = [_family(kind, size) for kind, size in zip(faulty.kind, faulty.severity, strict=True)]
         fits = right & np.array([one == other for one, other in zip(flown.kind, truth, strict=True)])
         identified = Rate.of(int(fits.sum()), int(right.sum()), confidence)
-        if fits.any():
-            severity_error = float(np.median(np.abs(flown.severity - faulty.severity)[fits]))
+        sized = fits & np.array([one not in ("stuck_off", "stuck_on") for one in truth])
+        if sized.any():
+            severity_error = float(np.median(np.abs(flown.severity - faulty.severity)[sized]))
     return Evaluation(
         name=name,
         calibration=calibration,
