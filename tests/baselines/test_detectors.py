@@ -17,6 +17,7 @@ from thruster_baselines.detection import (
 )
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import delivered_on_times
+from thruster_baselines.mapping.simplex import PARALLEL_FROM
 from thruster_envs.protocols import Detector
 from thruster_envs.spacecraft import load
 
@@ -252,6 +253,18 @@ def test_a_vehicle_lives_through_the_same_alone_and_in_a_batch(make):
             own = alone[v].update(u[v], z[v], 1.0, valid=[v != 3])
             for name in ("detected", "thruster", "statistic", "time", "suspicion", "shortfall"):
                 np.testing.assert_array_equal(getattr(diagnosis, name)[v], getattr(own, name)[0])
+
+
+def test_likelihood_ratios_of_vehicles_shared_among_threads_are_those_of_small_batches():
+    count, some = PARALLEL_FROM + 88, 100
+    u, z = healthy(count, 3)
+    whole = GLRDetector(ORION, vehicles=count).update(u, z, 1.0)
+    for first in range(0, count, some):
+        here = slice(first, first + some)
+        part = GLRDetector(ORION, vehicles=some).update(u[here], z[here], 1.0)
+        np.testing.assert_array_equal(part.suspicion, whole.suspicion[here])
+        np.testing.assert_array_equal(part.shortfall, whole.shortfall[here])
+    assert whole.statistic.min() > 0.0
 
 
 @every_detector

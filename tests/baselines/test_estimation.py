@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
+from thruster_baselines.mapping.simplex import PARALLEL_FROM
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")
@@ -249,3 +250,21 @@ def test_the_physical_noise_of_a_batch_is_that_of_its_rows():
     np.testing.assert_array_equal(noise(times)[1, 2], noise(times[1, 2]))
     with pytest.raises(ValueError, match=r"on_times has the shape \(11,\)"):
         noise(np.zeros(11))
+
+
+@pytest.mark.parametrize("form", ["known", "shared", "by_axis", "full", "fired_only"])
+def test_vehicles_shared_among_threads_are_those_of_small_batches(form):
+    count, some = PARALLEL_FROM + 88, 100
+    variance = 0.0 if form == "known" else 0.01
+    whole = EffectivenessFilter("orion", variance, 10.0, vehicles=count, form=form)
+    for u, z in (zip(*firings(count, seed), strict=True) for seed in range(2)):
+        found = whole.update(np.array(u), np.array(z))
+    for first in range(0, count, some):
+        part = EffectivenessFilter("orion", variance, 10.0, vehicles=min(some, count - first), form=form)
+        here = slice(first, first + some)
+        for u, z in (zip(*firings(count, seed), strict=True) for seed in range(2)):
+            alone = part.update(np.array(u)[here], np.array(z)[here])
+        assert np.array_equal(part.effectiveness, whole.effectiveness[here])
+        assert np.array_equal(alone.residual, found.residual[here])
+        assert np.array_equal(alone.covariance, found.covariance[here])
+        assert np.array_equal(part.covariance_of(some // 2), whole.covariance_of(first + some // 2))

@@ -19,6 +19,7 @@ that turn a thrust.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -85,10 +87,12 @@ class GLRDetector(BaseDetector):
         count, n = interval.on_times.shape
         ratio, seconds = np.zeros((count, n)), np.zeros((count, n))
         statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _ratios(
-            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
-            interval.commanded, interval.duration, self.sign_gate, ratio, seconds, statistic, blamed,
+        work = partial(
+            _ratios, interval.residual, interval.covariance, interval.effectiveness, interval.valid,
+            self._dead, interval.commanded, interval.duration, self.sign_gate, ratio, seconds, statistic,
+            blamed,
         )  # fmt: skip
+        in_threads(work, count)
         return self._answer(statistic, blamed, ratio, seconds)
 
 
@@ -106,11 +110,13 @@ def _ratios(
     shortfall: FloatArray,
     statistic: FloatArray,
     blamed: IntArray,
+    first: int,
+    last: int,
 ) -> None:
     m, n = effectiveness.shape[1:]
     root, e, a = np.empty((m, m)), np.empty(m), np.empty((m, n))
     chi, size = np.empty(n), np.empty(n)
-    for v in range(residual.shape[0]):
+    for v in range(first, last):
         if not valid[v]:
             continue
         whiten(covariance[v], residual[v], effectiveness[v], root, e, a)

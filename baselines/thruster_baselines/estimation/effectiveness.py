@@ -17,7 +17,8 @@ source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n 
   4.2.4). It ignores what a joint firing once taught about idle thrusters, so it is an approximation.
 
 Updates are in Joseph's form, expanded, which keeps covariances symmetric and positive whatever round-off does
-to the gain. Everything is batched over vehicles.
+to the gain. Everything is batched over vehicles; many of them are shared among threads, which changes no
+number.
 
 Left out: sensor biases, mass properties, and the coupling loss, which belongs into the on-times
 (`thruster_baselines.mapping.delivered_on_times`); the drift of the free motion has to be taken out of the
@@ -28,6 +29,7 @@ measurement, so that their errors are correlated with -1/2 at lag one; the filte
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -35,6 +37,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -251,19 +254,22 @@ class EffectivenessFilter:
         residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
         if self.form in ("shared", "by_axis"):
             kernel = _update_shared if self.form == "shared" else _update_by_axis
-            kernel(
-                on_times, rate_change, valid, self._process, self._diagonal, self.effectiveness,
+            work = partial(
+                kernel, on_times, rate_change, valid, self._process, self._diagonal, self.effectiveness,
                 self._covariance, residual, covariance,
             )  # fmt: skip
-            return Innovation(residual, covariance, valid)
-        noises = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
-        if self.form == "known":
-            _compare(on_times, rate_change, valid, noises, self.effectiveness, residual, covariance)
         else:
-            _update_full(
-                on_times, rate_change, valid, self._process, noises, self.form == "fired_only",
-                self.effectiveness, self._covariance, residual, covariance,
-            )  # fmt: skip
+            noises = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
+            if self.form == "known":
+                work = partial(
+                    _compare, on_times, rate_change, valid, noises, self.effectiveness, residual, covariance
+                )
+            else:
+                work = partial(
+                    _update_full, on_times, rate_change, valid, self._process, noises,
+                    self.form == "fired_only", self.effectiveness, self._covariance, residual, covariance,
+                )  # fmt: skip
+        in_threads(work, count)
         return Innovation(residual, covariance, valid)
 
     def replace_column(self, vehicles: ArrayLike, thruster: int, column: ArrayLike) -> None:
@@ -368,10 +374,12 @@ def _update_shared(
     covariance: FloatArray,
     residual: FloatArray,
     spread: FloatArray,
+    first: int,
+    last: int,
 ) -> None:
     m, n = effectiveness.shape[1:]
     pu, nothing = np.empty(n), np.zeros(n)
-    for v in range(times.shape[0]):
+    for v in range(first, last):
         variance = _update_axis(times[v], 0.0, process[0], noise[0], nothing, covariance[v], there[v], pu)
         for k in range(m):
             spread[v, k, k] = variance
@@ -396,10 +404,12 @@ def _update_by_axis(
     covariance: FloatArray,
     residual: FloatArray,
     spread: FloatArray,
+    first: int,
+    last: int,
 ) -> None:
     m, n = effectiveness.shape[1:]
     pu = np.empty(n)
-    for v in range(times.shape[0]):
+    for v in range(first, last):
         for k in range(m):
             rest = 0.0
             if there[v]:
@@ -421,9 +431,11 @@ def _compare(
     effectiveness: FloatArray,
     residual: FloatArray,
     spread: FloatArray,
+    first: int,
+    last: int,
 ) -> None:
     m, n = effectiveness.shape[1:]
-    for v in range(times.shape[0]):
+    for v in range(first, last):
         spread[v] = noises[v if noises.shape[0] > 1 else 0]
         if there[v]:
             for k in range(m):
@@ -445,29 +457,35 @@ def _update_full(
     covariance: FloatArray,
     residual: FloatArray,
     spread: FloatArray,
+    first: int,
+    last: int,
 ) -> None:
     m, n = effectiveness.shape[1:]
     size = m * n
-    ph, gain = np.empty((size, m)), np.empty((size, m))
-    for v in range(times.shape[0]):
+    ph, gain = np.empty((m, size)), np.empty((m, size))  # H P and K'
+    for v in range(first, last):
         p, u = covariance[v], times[v]
         for i in range(n):
             for k in range(m):
                 p[i * m + k, i * m + k] += process[k]
         r = noise[v if noise.shape[0] > 1 else 0]
-        for s in range(size):
-            for k in range(m):
-                ph[s, k] = 0.0
-            if not (fired_only and u[s // m] == 0.0):
-                for j in range(n):
-                    if u[j] != 0.0:
-                        for k in range(m):
-                            ph[s, k] += p[s, j * m + k] * u[j]
+        for k in range(m):
+            row = ph[k]
+            row[:] = 0.0
+            for j in range(n):
+                if u[j] != 0.0:
+                    column = p[j * m + k]  # which is the row, as P is symmetric
+                    for s in range(size):
+                        row[s] += u[j] * column[s]
+            if fired_only:
+                for i in range(n):
+                    if u[i] == 0.0:
+                        row[i * m : (i + 1) * m] = 0.0
         for k in range(m):
             for other in range(m):
                 total = r[k, other]
                 for i in range(n):
-                    total += u[i] * ph[i * m + k, other]
+                    total += u[i] * ph[other, i * m + k]
                 spread[v, k, other] = total
         if not there[v]:
             continue
@@ -477,32 +495,39 @@ def _update_full(
                 rest -= effectiveness[v, k, i] * u[i]
             residual[v, k] = rest
         inverse = np.linalg.inv(spread[v])
-        for s in range(size):
-            for k in range(m):
-                total = 0.0
-                for other in range(m):
-                    total += ph[s, other] * inverse[other, k]
-                gain[s, k] = total
-            i, axis = s // m, s % m
-            for k in range(m):
-                effectiveness[v, axis, i] += gain[s, k] * residual[v, k]
+        for k in range(m):
+            row = gain[k]
+            row[:] = 0.0
+            for other in range(m):
+                seen = ph[other]
+                for s in range(size):
+                    row[s] += inverse[other, k] * seen[s]
+        for i in range(n):
+            for axis in range(m):
+                for k in range(m):
+                    effectiveness[v, axis, i] += gain[k, i * m + axis] * residual[v, k]
         _joseph(p, gain, ph, spread[v])
 
 
 @njit(error_model="numpy", nogil=True)
 def _joseph(p: FloatArray, gain: FloatArray, ph: FloatArray, spread: FloatArray) -> None:
-    """P - K H P - P H' K' + K (H P H' + R) K', which is Joseph's form multiplied out."""
-    size, m = gain.shape
-    weighed = np.empty(m)
+    """P - K H P - P H' K' + K (H P H' + R) K', which is Joseph's form multiplied out.
+
+    Args:
+        p: (size, size), changed: the upper triangle is reckoned, the lower one is its mirror.
+        gain: (m, size), K'.
+        ph: (m, size), H P.
+        spread: (m, m), of the innovation.
+    """
+    m, size = gain.shape
     for s in range(size):
+        row = p[s, s:]
         for k in range(m):
-            total = 0.0
+            weighed = -ph[k, s]
             for other in range(m):
-                total += gain[s, other] * spread[other, k]
-            weighed[k] = total - ph[s, k]
-        for t in range(s, size):
-            change = 0.0
-            for k in range(m):
-                change += weighed[k] * gain[t, k] - gain[s, k] * ph[t, k]
-            p[s, t] += change
+                weighed += gain[other, s] * spread[other, k]
+            own, gains, seen = gain[k, s], gain[k, s:], ph[k, s:]
+            for t in range(row.size):  # along memory, so that it is done four at a time
+                row[t] += weighed * gains[t] - own * seen[t]
+        for t in range(s + 1, size):
             p[t, s] = p[s, t]
