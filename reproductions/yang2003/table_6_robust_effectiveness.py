@@ -340,8 +340,8 @@ def _note(found: Correct, row: Row) -> str:
         f"{found.count} random problems of three axes and three thrusters. "
         + (
             f"Both figures come out as reported, to {AGREEMENT:.0f} points, by {'; '.join(alike)}. Measure "
-            "and number of candidates were searched for, as the source gives neither: weak evidence where it is "
-            f"one of {2 * len(MEASURES) * (len(CANDIDATES) + 1)} comparisons that agrees. "
+            "and number of candidates were searched for, as the source gives neither: weak evidence where it "
+            f"is one of {2 * len(MEASURES) * (len(CANDIDATES) + 1)} comparisons that agrees. "
             if alike
             else f"Together they come out by no measure; nearest to {row.plain} % is {percent(nearest)} %. "
         )
