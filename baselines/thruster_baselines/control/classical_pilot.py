@@ -18,6 +18,9 @@ Beyond the source, because attitude is flown here:
 - One that is named and turns out to do what it is told is trusted again. One that is believed dead is never
   fired, so nothing is learned of it any more.
 
+Where sensors or scatter say otherwise than the description, `thruster_baselines.detection` has the tool that
+calibrates a threshold.
+
 Measurements that are missing, late or out of range are refused and counted; navigation then predicts, and the
 test takes the whole time since the last measurement as one interval. Left out: faults that turn a thrust,
 faults of sensors that stay within their range, several faults that begin in one interval.
@@ -78,7 +81,10 @@ class DiagnosisSettings:
     """How the pilot diagnoses; the defaults were tuned on healthy and faulty validation flights of Orion.
 
     Attributes:
-        threshold: Of the likelihood ratio, chi-squared with one degree of freedom where all is well.
+        threshold: Of the likelihood ratio, chi-squared with one degree of freedom where all is well. With
+            Orion's six pairs of signatures 18.5 would be exceeded in one interval of 10,000; what is left out
+            of the noise makes some exceed that. In 40 healthy validation flights (22,800 intervals, 5,527 of
+            them with firing) the largest was 22.8.
         lead: By how much the ratio of one suspect has to exceed that of the next for it to be named.
         first_deviation: Standard deviation of the level seen in the interval in which a fault is first named,
             since it may have begun within.

@@ -3,7 +3,7 @@
 What is believed of the thrusters is one share and one flag for each (`ThrusterBelief`). A weak one simply has
 less effectiveness, a dead one none. A valve that is stuck open cannot be closed, since the feed has no
 isolation valves: its thrust a_i e_i is there in every period, and the others have to solve
-A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section 5.4, which assumes that it can be
+A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section 5.3.1, which assumes that it can be
 shut off). It also takes its part of the feed, so that every other thruster is one of at least two, and how
 much it delivers itself depends on how long the others are open: a fixed point, found in a few linear
 programs.

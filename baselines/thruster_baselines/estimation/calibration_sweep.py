@@ -1,6 +1,6 @@
 """Active calibration: each thruster is fired alone after launch, and what it does is measured.
 
-The source announces such a test for initial misalignment (Yang 2003, section 4.3) and shows no result; this
+The source announces such a test for initial misalignment (Yang 2003, section 5.2.1) and shows no result; this
 is ours. The schedule fires every thruster for one pulse, in an order that leaves the body slow, and again as
 often as asked for. Of firing k of thruster i for u seconds comes the rate change
 
