@@ -1,0 +1,77 @@
+"""The source's failure of thruster 1, flown in six degrees of freedom, which the source left out.
+
+`OrionRendezvous-v0` with scatter, sensor noise and coupling loss; thruster 1 is dead from the fifth period
+on. The pilots are those of `reproductions.yang2003.fault_flights`: all plan and allocate alike, the oracle is
+told of the failure, the classical one diagnoses it, the blind one only plans anew from where it is and holds
+its attitude, the open-loop one does neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from reproductions.yang2003.fault_flights import PILOTS
+from reproductions.yang2003.rendezvous_flights import ENVIRONMENT
+from thruster_envs.faults import Fault
+from thruster_envs.physics import layout as at
+from thruster_envs.protocols import FloatArray
+
+__all__ = ["FLOWN_BY", "AttitudeFlights", "fly_with_attitude"]
+
+FLOWN_BY = ("oracle", "classical", "blind", "open loop")
+
+
+@dataclass(frozen=True)
+class AttitudeFlights:
+    """How flights of one pilot ended.
+
+    Attributes:
+        success: (flights,), whether the craft was in the terminal box when the time was up.
+        lost: (flights,), whether it went out of bounds before.
+        miss: (flights,), distance from the target at the end, or where it was lost, m.
+        firing_time: (flights,), thruster-seconds of open valve; a dead one does not open.
+        spent: (flights, steps + 1), firing time up to each step; constant after a loss.
+    """
+
+    success: FloatArray
+    lost: FloatArray
+    miss: FloatArray
+    firing_time: FloatArray
+    spent: FloatArray
+
+
+def fly_with_attitude(
+    pilot: str, seeds: Sequence[int], thruster: int, onset: float, orbits: float = 0.5
+) -> AttitudeFlights:
+    """Fly an episode for each seed in which a thruster is dead from some time on.
+
+    Args:
+        pilot: One of `FLOWN_BY`.
+        seeds: Of the episodes.
+        thruster: From 1.
+        onset: s.
+        orbits: Time for the rendezvous.
+    """
+    env: Any = gym.make(ENVIRONMENT, orbits=orbits, disable_env_checker=True)
+    task, worlds = env.unwrapped.task, env.unwrapped.worlds
+    success, lost, miss = np.zeros((3, len(seeds)))
+    spent = np.zeros((len(seeds), task.steps + 1))
+    dead = Fault(thruster, "stuck_off", onset=onset)
+    for flight, seed in enumerate(seeds):
+        observation, info = env.reset(seed=seed, options={"faults": (dead,)})
+        flown_by = PILOTS[pilot](task.vehicle, task.steps)
+        over, steps = False, 0
+        while not over:
+            flown_by.tell(info["fault"])
+            observation, _, over, _, info = env.step(flown_by(observation))
+            steps += 1
+            spent[flight, steps:] = float(info["fuel"])
+        success[flight], lost[flight] = bool(info["success"]), steps < task.steps
+        miss[flight] = float(np.linalg.norm(worlds.state.fleet.read(at.POSITION, 3)[0, 0]))
+    env.close()
+    return AttitudeFlights(success, lost, miss, spent[:, -1], spent)
