@@ -1,4 +1,4 @@
-"""Speed of the environments, of learning in them and of the mappers, beside their targets and their peers.
+"""Speed of environments, of learning in them, of mappers and detectors, beside targets and peers.
 
 ``python -m benchmarks`` runs everything in several minutes and writes ``docs/results/speed.md`` and
 ``speed.png``; ``python -m benchmarks environments`` runs one section and prints it; ``--quick`` only shows
@@ -7,5 +7,5 @@ that everything runs.
 Every figure is the median of at least five repetitions. What is compared is repeated in turns, so that a
 machine whose clock wanders slows all of it alike, and a ratio is the median of the ratios of the rounds.
 Compilation and construction are not measured. Sections: :mod:`.environments`, :mod:`.peers`,
-:mod:`.learning`, :mod:`.mapping`.
+:mod:`.learning`, :mod:`.mapping`, :mod:`.detection`.
 """

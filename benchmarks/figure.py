@@ -10,8 +10,9 @@ from benchmarks.report import Row, Section, number
 
 MEANINGS = {
     "steps/s": "environment steps per second",
-    "µs": "µs for one command (less is better)",
+    "µs": "µs for one command or update (less is better)",
     "LP/s": "linear programs per second",
+    "updates/s": "vehicle-updates per second",
     "plain solves": "time in plain linear programs (less is better)",
     "times the LP's": "thruster-seconds over the linear program's",
 }

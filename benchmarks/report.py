@@ -202,7 +202,7 @@ def report(
         machine_facts(share_of_core, processor_time),
     ]
     if picture is not None:
-        parts.append(f"![Speed of the environments, of the mappers, and of their peers]({picture})")
+        parts.append(f"![Speed of environments, mappers and detectors, and of their peers]({picture})")
     parts += [section_as_markdown(section) for section in sections]
     return "\n\n".join(parts) + "\n"
 
@@ -226,7 +226,7 @@ def machine_facts(share_of_core: float | None, processor_time: bool) -> str:
 
 LIBRARIES = (
     "thruster-envs", "numpy", "numba", "gymnasium", "stable-baselines3", "torch", "vmas", "bsk", "scipy",
-    "highspy", "swiglpk", "daqp", "clarabel",
+    "highspy", "swiglpk", "daqp", "clarabel", "filterpy",
 )  # fmt: skip
 
 
