@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failure, Flight, fly
 from reproductions.yang2003.fault_mission_figure import draw_flights
 from reproductions.yang2003.section_6_4_3_failures_in_flight import ARRIVED, DEVIATION
@@ -40,7 +41,19 @@ def degraded(effort: Effort) -> Finding:
             f"{fly(LOST).miss / flights[NOT_NOTICED].miss:.2f} times as far off."
         ),
         data={name: _data(one) for name, one in flights.items()},
-        tables=(_table(flights),),
+        tables=(
+            _table(flights),
+            beside_earlier(
+                {
+                    "not noticed: final miss, m": (flights[NOT_NOTICED].miss, 278.0),
+                    "planned anew: plans anew": (flights[ANEW].replans, 2),
+                    "planned anew: final miss, m": (flights[ANEW].miss, 16.0),
+                    "planned anew: commanded delta-v, m/s": (flights[ANEW].delta_v, 1.22),
+                    "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.0684),
+                    "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 419.7),
+                }
+            ),
+        ),
         figure=partial(draw_flights, flights=_drawn(flights)),
     )
 
@@ -85,7 +98,15 @@ def two_dead(effort: Effort) -> Finding:
             "told to fire."
         ),
         data={name: _data(one) for name, one in flights.items()},
-        tables=(_table(flights),),
+        tables=(
+            _table(flights),
+            beside_earlier(
+                {
+                    "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.1014),
+                    "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 643.4),
+                }
+            ),
+        ),
         figure=partial(draw_flights, flights=_drawn(flights)),
     )
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, panels, save
 from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import fly
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
 from thruster_baselines.guidance import transition_matrix
@@ -89,6 +90,15 @@ def planned(effort: Effort) -> Finding:
                     for axis, name in enumerate(AXES)
                     for number, (start, end, change) in enumerate(burns[name][:2])
                 ),
+            ),
+            beside_earlier(
+                {
+                    "delta-v, m/s": (plan.delta_v, 1.0577),
+                    "radial, m/s": (by_axis[0], 0.3977),
+                    "along-track, m/s": (by_axis[1], 0.6600),
+                    "firing time, thruster-s": (plan.firing_time, 352.6),
+                    "delta-v of two impulses, m/s": (least, 1.0488),
+                }
             ),
         ),
         figure=_draw,

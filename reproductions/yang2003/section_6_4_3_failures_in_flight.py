@@ -20,6 +20,7 @@ import numpy as np
 
 from reproductions.figures import BLUE, GREEN, ORANGE, panels, save
 from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import LOST, Flight, fly
 from reproductions.yang2003.fault_mission_attitude import FLOWN_BY, AttitudeFlights, fly_with_attitude
 from reproductions.yang2003.fault_mission_figure import draw_flights, draw_second, spent
@@ -35,7 +36,7 @@ OTHER_DEVIATIONS = (10.0, 5.0)
 REPORTED_REPLANS = 5  # "over five"
 ARRIVED = 0.1  # m
 NEAR = DEVIATION  # m: what the feedback tolerates is what it may end off
-SHARE_OF_FLIGHTS = 0.05  # of the effort's, with each pilot in six degrees of freedom
+SHARE_OF_FLIGHTS = 0.1  # of the effort's, with each pilot in six degrees of freedom
 FEW = 10  # with fewer flights of the effort than this, they only show that all runs, and are short
 SHORT = 0.02  # orbits
 
@@ -246,7 +247,21 @@ def fuel(effort: Effort) -> Finding:
             },
             "firing_time_of_classical_over_blind": ratio,
         },
-        tables=(_table(flights), _table_with_attitude(with_attitude)),
+        tables=(
+            _table(flights),
+            beside_earlier(
+                {
+                    "not noticed: final miss, m": (flights["not noticed"].miss, 359.0),
+                    "planned anew: plans anew": (blind.replans, 4),
+                    "planned anew: final miss, m": (blind.miss, 14.0),
+                    "planned anew: commanded delta-v, m/s": (blind.delta_v, 1.64),
+                    "planned anew: propellant, thruster-s": (blind.burnt, 438.0),
+                    "diagnosed: commanded delta-v, m/s": (knowing.delta_v, 1.0859),
+                    "diagnosed: commanded firing, thruster-s": (knowing.firing_time, 555.9),
+                }
+            ),
+            _table_with_attitude(with_attitude),
+        ),
         figure=partial(_draw_fuel, flights=flights, with_attitude=with_attitude),
     )
 
