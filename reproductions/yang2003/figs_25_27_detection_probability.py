@@ -86,7 +86,8 @@ def false_alarms(effort: Effort) -> Finding:
     return Finding(
         ours=f"none of {count:,} above {NO_ALARMS:g}, largest {found[_DEFAULT][-1]:.2g}; with twice the "
         f"scatter {rates[_SCATTER][1e-5].value:.1%} above 1e-5, with twice the errors "
-        f"{rates[_ERRORS][1e-5].value:.2%}; at {SOURCE_THRESHOLD:g} {rates[_DEFAULT][SOURCE_THRESHOLD].successes}, {worst.successes} and "
+        f"{rates[_ERRORS][1e-5].value:.2%}; at {SOURCE_THRESHOLD:g} "
+        f"{rates[_DEFAULT][SOURCE_THRESHOLD].successes}, {worst.successes} and "
         f"{rates[_ERRORS][SOURCE_THRESHOLD].successes}",
         checks={
             "no alarm above 3e-5 with the source's noise": rates[_DEFAULT][NO_ALARMS].successes == 0,
@@ -208,8 +209,8 @@ def half_loss(effort: Effort) -> Finding:
     return Finding(
         ours=f"1.5 s at 10 %: {corner.value:.1%} ({corner.low:.1%} to {corner.high:.1%}), rightly named "
         f"{named[long, tenth]:.0%}; from 1.5 s and 20 % on at least "
-        f"{np.nanmin(detected[long:, whole:]):.1%}; 0.8 s: {np.nanmin(detected[short, whole:]):.0%} to {np.nanmax(detected[short, whole:]):.0%}; 0.5 "
-        f"s: {below:.1%} at most, from 20 % on",
+        f"{np.nanmin(detected[long:, whole:]):.1%}; 0.8 s: {_span(detected[short, whole:])}; 0.5 s: "
+        f"{below:.1%} at most, from 20 % on",
         checks={
             "95 % and more from 1.5 s and 10 % of all on-time on": bool(np.nanmin(sure) >= 0.95),
             "99 % and more from 1.5 s and 20 % on": bool(np.nanmin(detected[long:, whole:]) >= 0.99),
