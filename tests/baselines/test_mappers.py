@@ -237,6 +237,17 @@ def test_a_mapper_that_makes_no_sense_is_refused(arguments, message):
         LPMapper(**arguments)
 
 
+def test_where_not_all_can_be_had_the_dearer_axis_is_served():
+    # -x and -y share thrusters once number 1 is dead: a period gives at most 0.03 m/s of both together.
+    command = [-0.015, -0.027, 0, 0, 0, 0]
+    for dear in (0, 1):
+        slack_cost = np.full(6, 1e4)
+        slack_cost[dear] = 4e4
+        slack = LPMapper(ORION, slack_cost=slack_cost)(command, effectiveness=orion_with(t1=0.0)).slack
+        assert abs(slack[dear]) < 1e-12
+        assert slack[1 - dear] == pytest.approx(-0.012, rel=1e-9)
+
+
 def test_thrusters_that_leave_directions_out_of_reach_are_allowed_and_say_which():
     turning_only = ORION.effectiveness()
     turning_only[2] = 0.0  # nothing pushes along z any more
