@@ -297,8 +297,7 @@ def full_on(effort: Effort) -> Finding:
     count = 5 * flights_of(effort)
     rng = np.random.default_rng(38)
     told = random_on_times(rng, (count,), 5, PERIOD)
-    thruster = np.argmax(told > 0.0, axis=1) + 1
-    thruster = np.where(rng.random(count) < 0.5, thruster, rng.integers(1, THRUSTERS + 1, count))
+    thruster = rng.integers(1, THRUSTERS + 1, count)
     rows = np.arange(count)
     told[rows, thruster - 1] = 0.0
     delivered = told.copy()

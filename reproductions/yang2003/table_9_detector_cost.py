@@ -129,7 +129,7 @@ _TESTS: dict[str, Callable[[Counter, FloatArray, FloatArray], object]] = {
 def detector_cost(effort: Effort) -> Finding:
     """E27."""
     rng = np.random.default_rng(27)
-    e, y = rng.normal(size=AXES), np.diag(rng.uniform(1.0, 2.0, AXES))
+    e, y = np.array(rng.normal(size=AXES)), np.diag(rng.uniform(1.0, 2.0, AXES))
     counts = {name: _count(test, e, y) for name, test in _TESTS.items()}
     afresh = _count(_ratio_afresh, e, y)
     alike = bool(np.allclose(_ratio(Counter(), e, y), _ratio_afresh(Counter(), e, y)))
