@@ -144,10 +144,9 @@ def _draw_alarms(found: dict[str, FloatArray], path: Path) -> None:
         axis.plot(LEVELS, [100.0 * one.value or np.nan for one in rates], color=colour, label=name)
         low, high = 100.0 * np.array([(one.low, one.high) for one in rates]).T
         axis.fill_between(LEVELS, np.maximum(low, 1e-6), high, color=colour, alpha=0.2, linewidth=0)
-    for level, height, text in ((NO_ALARMS, 70.0, "none above"), (SOURCE_THRESHOLD, 25.0, "selected")):
+    for level, side, text in ((NO_ALARMS, "right", "none above"), (SOURCE_THRESHOLD, "left", "selected")):
         axis.axvline(level, color=INK, linewidth=0.9, linestyle=":")
-        axis.annotate(f"{level:g}: {text}", (level, height), xytext=(4, 0), textcoords="offset points",
-                      fontsize=9)  # fmt: skip
+        axis.annotate(f" {level:g}: {text} ", (level, 50.0), ha=side, fontsize=9)
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_ylim(1e-3, 130.0)
