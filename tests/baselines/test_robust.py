@@ -19,6 +19,9 @@ from thruster_baselines.mapping import (
 )
 from thruster_envs.spacecraft import load
 
+# three axes for two thrusters, as in the source's example
+pytestmark = pytest.mark.filterwarnings("ignore::thruster_baselines.mapping.model.LostDirectionsWarning")
+
 ORION = load("orion")
 ONE_DEGREE = math.radians(1.0)
 DIAGONAL = np.array([-0.027, -0.027, 0.0, 0.0, 0.0, 0.0])  # the first command of Yang 2003's rendezvous

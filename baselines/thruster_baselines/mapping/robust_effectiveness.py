@@ -57,12 +57,10 @@ class RobustEffectivenessMapper(CompiledMapper):
     Raises:
         ValueError: A value that cannot be; neither `relative` nor `lower` or `upper`, or both.
 
-    >>> mapper = RobustEffectivenessMapper(
-    ...     [[1.0, 1.0], [-1.0, 1.0], [1.0, 1.0]], max_on_time=5.0, relative=0.1
-    ... )  # Yang 2003, section 3.3
-    >>> answer = mapper([3.0, 1.0, 3.0])
+    >>> mapper = RobustEffectivenessMapper([[1.0, 1.0], [-1.0, 1.0]], max_on_time=5.0, relative=0.1)
+    >>> answer = mapper([3.0, 1.0])
     >>> answer.on_times, answer.worst_miss.round(12)
-    (array([1., 2.]), array([0.3, 0.3, 0.3]))
+    (array([1., 2.]), array([0.3, 0.3]))
     """
 
     def __init__(
