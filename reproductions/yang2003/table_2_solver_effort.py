@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.timing import call_times
 from reproductions.yang2003.coupling_study import CONDITIONS, commands
 from thruster_baselines.mapping import LPMapper
 
@@ -178,16 +177,11 @@ def _seconds(mapper: LPMapper, asked: Array) -> dict[str, float]:
     rows = np.hstack([mapper.effectiveness, np.eye(m), -np.eye(m)])
     cost = np.concatenate([mapper.fuel_cost, np.tile(mapper.slack_cost, 2)])
     bounds = [(0.0, bound) for bound in mapper.max_on_time] + [(0.0, None)] * (2 * m)
-    found: dict[str, list[float]] = {"ours": [], "generic": []}
-    mapper(asked[0])
-    for command in asked:
-        start = time.perf_counter()
-        mapper(command)
-        middle = time.perf_counter()
-        linprog(cost, A_eq=rows, b_eq=command, bounds=bounds, method="highs")
-        found["ours"].append(middle - start)
-        found["generic"].append(time.perf_counter() - middle)
-    return {name: float(np.median(values)) for name, values in found.items()}
+    works = {
+        "ours": mapper,
+        "generic": lambda command: linprog(cost, A_eq=rows, b_eq=command, bounds=bounds, method="highs"),
+    }
+    return {name: float(np.median(call_times(work, asked))) for name, work in works.items()}
 
 
 def tableau_or_inverse(effort: Effort) -> Finding:
