@@ -211,7 +211,7 @@ def _draw(found: dict[str, Evaluation], path: Path) -> None:
     curve.set_ylabel("delay that nine in ten keep below, s")
     curve.set_ylim(bottom=0.0)
     curve.set_title("Fewer false alarms, later alarms", loc="left")
-    curve.legend(fontsize=8.5)
+    curve.legend(fontsize=8.5, loc="center right")
     names = list(found)
     places = np.arange(len(names))[::-1]
     shares = [100.0 * found[name].isolated.value for name in names]
