@@ -34,11 +34,6 @@ def relative_times(condition: str, repetitions: int) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in ratios.items()}
 
 
-def slowest(condition: str, method: str) -> float:
-    """The largest number of linear programs that a command takes."""
-    return float(METHODS[method]()(commands(condition, 10_000)).iterations.max())  # type: ignore[attr-defined]
-
-
 def times(effort: Effort) -> Finding:
     """E12."""
     repetitions = min(_REPETITIONS, effort.repetitions)
