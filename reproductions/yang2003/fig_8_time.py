@@ -54,7 +54,7 @@ def times(effort: Effort) -> Finding:
         },
         data={f"{c}, {m}": found[c][m] for c in CONDITIONS for m in TIMED},
         correction="each round here goes on from the last basis, so that the rounds after the first cost a "
-        "fraction of a linear program: about five rounds take two to three times the time, not five",
+        f"fraction of one: method II takes {_range(median, 'method II')} times the time, not five",
         note=f"Medians of {repetitions} turns of {_BATCH:,} commands each, on one thread; ratios within a "
         "turn.",
         tables=(Table("Time over that of one linear program", ("condition", *TIMED), rows),),

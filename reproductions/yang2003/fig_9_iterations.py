@@ -139,11 +139,13 @@ def cost_rule(effort: Effort) -> Finding:
                 rows.append(
                     (condition, name, f"{joined[condition, name]:.1%}", f"{answer.iterations.mean():.2f}")
                 )
-    text_rule = max(value for (_, name), value in joined.items() if name.startswith("lower_used"))
+    most = {
+        rule: max(value for (_, name), value in joined.items() if name.startswith(rule))
+        for rule in ("lower_used", "raise_unused", "none")
+    }
     return Finding(
-        ours=f"new thrusters join in up to {text_rule:.0%} of the commands under the text's rule, in none "
-        "under the "
-        "appendix's, and in none without any rule",
+        ours=f"new thrusters join in up to {most['lower_used']:.0%} of the commands under the text's rule, "
+        f"in {most['raise_unused']:.0%} under the appendix's, and in {most['none']:.0%} without any rule",
         checks={
             "under the appendix's rule no new thruster joins": all(
                 value == 0.0 for (_, name), value in joined.items() if name == "raise_unused"
