@@ -6,9 +6,11 @@ from thruster_baselines.detection.calibration import (
     Firings,
     chi_squared_threshold,
     healthy_firings,
+    largest_scaled_threshold,
     threshold_for_rate,
 )
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
+from thruster_baselines.detection.confusion import MEASURES, Confusion
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
 from thruster_baselines.detection.evaluate import (
@@ -33,9 +35,11 @@ from thruster_baselines.detection.response import ResponseTest, threshold_for
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
 __all__ = [
+    "MEASURES",
     "BaseDetector",
     "CUSUMDetector",
     "Calibration",
+    "Confusion",
     "CurvePoint",
     "EstimatorThreshold",
     "Evaluation",
@@ -60,6 +64,7 @@ __all__ = [
     "chi_squared_threshold",
     "evaluate",
     "healthy_firings",
+    "largest_scaled_threshold",
     "least_squares_severity",
     "table",
     "threshold_for",

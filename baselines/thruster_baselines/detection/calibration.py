@@ -4,7 +4,8 @@ A threshold is an order statistic of what a detector gave on healthy vehicles: a
 exact (Clopper-Pearson) upper bound of the rate at which it is exceeded stays at or below the stated rate.
 So it holds with the stated confidence, whatever the distribution; too little data is refused, with the number
 that would do. The source takes the smallest threshold without an alarm instead (Yang 2003, section 6.4.2),
-which says nothing of the rate.
+which says nothing of the rate; Valdes 2008 goes beyond the largest by a part of its distance from the mean
+(`largest_scaled_threshold`), which says no more.
 
 Statistics of a detector that gathers evidence depend on each other from interval to interval. Given as
 flights by intervals, only flights are taken as independent, by their largest statistic; a rate per interval
@@ -28,7 +29,14 @@ from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["Calibration", "Firings", "chi_squared_threshold", "healthy_firings", "threshold_for_rate"]
+__all__ = [
+    "Calibration",
+    "Firings",
+    "chi_squared_threshold",
+    "healthy_firings",
+    "largest_scaled_threshold",
+    "threshold_for_rate",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +126,35 @@ def threshold_for_rate(statistics: ArrayLike, false_alarms: float, confidence: f
         confidence=confidence,
         samples=samples,
     )
+
+
+def largest_scaled_threshold(residuals: ArrayLike, scale: ArrayLike) -> FloatArray:
+    """The mean of healthy residuals, and so many times the distance of the largest from it.
+
+    The rule of Valdes 2008, eq. 4.2 and 5.3: mean + scale (largest - mean).
+
+    Args:
+        residuals: Of healthy pulses or missions (samples, ...), finite; a threshold for each of the rest.
+        scale: Of each threshold, or of all; above 1 nothing is an alarm of what the threshold was made from.
+
+    Returns:
+        What is left of the shape of the residuals without the samples.
+
+    Raises:
+        ValueError: No residuals, some that are no numbers, or a scale below zero.
+
+    >>> round(float(largest_scaled_threshold([0.01, 0.02, 0.03], 1.15)), 4)
+    0.0315
+    """
+    values, factor = np.asarray(residuals, dtype=np.float64), np.asarray(scale, dtype=np.float64)
+    if values.ndim == 0 or len(values) == 0:
+        raise ValueError(f"residuals has the shape {values.shape}; one sample or more would be right")
+    if not np.isfinite(values).all():
+        raise ValueError("residuals has an entry that is no number; those of healthy pulses would be right")
+    if not (factor >= 0.0).all():
+        raise ValueError(f"scale is {factor}; zero or more would be right")
+    mean = values.mean(axis=0)
+    return np.asarray(mean + factor * (values.max(axis=0) - mean))
 
 
 def chi_squared_threshold(false_alarms: float, degrees: int = 1, tests: int = 1) -> float:
