@@ -45,14 +45,14 @@ def _collect(those: Iterable[Reproduction], found: dict[str, Reproduction]) -> N
         found[one.id] = one
 
 
-def order(name: str) -> tuple[str, int, str]:
-    """E3 before E19a before E19b before E20.
+def order(name: str) -> tuple[str | int, ...]:
+    """E3 before E19a before E19b before E20, and E6.9 before E6.10.
 
-    >>> sorted(["E20", "E19b", "E3", "E19a"], key=order)
-    ['E3', 'E19a', 'E19b', 'E20']
+    >>> sorted(["E20", "E6.10", "E19b", "E3", "E6.9", "E19a"], key=order)
+    ['E3', 'E6.9', 'E6.10', 'E19a', 'E19b', 'E20']
     """
-    parts = re.fullmatch(r"(\D*)(\d*)(.*)", name)
-    return (parts[1], int(parts[2] or 0), parts[3]) if parts else (name, 0, "")
+    parts = re.split(r"(\d+)", name)  # every second one is a number
+    return tuple(int(part) if number % 2 else part for number, part in enumerate(parts))
 
 
 def chosen(names: list[str], known: dict[str, Reproduction]) -> list[Reproduction]:

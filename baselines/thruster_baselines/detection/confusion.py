@@ -39,7 +39,7 @@ MEASURES = (
 class Confusion:
     """How many were declared what they are, and how many were not.
 
-    A measure is NaN where nothing can be measured: recall without anything faulty, precision without an alarm.
+    A measure is NaN where there is nothing to measure: recall with nothing faulty, precision without alarms.
 
     Attributes:
         detected: Faulty and declared so (A of the source).
