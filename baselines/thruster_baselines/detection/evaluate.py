@@ -30,7 +30,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -44,6 +44,9 @@ from thruster_baselines.detection.identification import (
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_comparison", "evaluate", "table"]
 
@@ -201,16 +204,26 @@ class Evaluation:
         left.set_ylabel("detection delay (s)")
         left.set_title(self.name)
         left.grid(visible=True, alpha=0.3)
-        matrix = np.array(self.confusion, dtype=np.float64)
-        shares = matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1.0)
-        image = right.imshow(shares, vmin=0.0, vmax=1.0, cmap="viridis")
-        names = [str(i) for i in range(1, matrix.shape[0])]
-        right.set_xticks(range(matrix.shape[1]), ["no alarm", *names, "nobody"], rotation=90)
-        right.set_yticks(range(matrix.shape[0]), ["healthy", *names])
-        right.set_xlabel("named")
-        right.set_ylabel("fails")
-        figure.colorbar(image, ax=right, label="share of flights")
+        self.draw_confusion(right)
         figure.savefig(path, dpi=120)
+
+    def draw_confusion(self, axes: Axes) -> None:
+        """Draw who is taken for whom, in percent of the flights of each row, into axes of matplotlib."""
+        counts = np.array(self.confusion, dtype=np.float64)
+        shares = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+        axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
+        for row, column in zip(*np.nonzero(counts), strict=True):
+            share = shares[row, column]
+            axes.annotate(
+                f"{share:.0f}" if share >= 0.95 else f"{share:.1f}", (column, row), ha="center", va="center",
+                fontsize=8.0, color="white" if share > 60.0 else "black",
+            )  # fmt: skip
+        names = [str(i) for i in range(1, counts.shape[0])]
+        axes.set_xticks(range(counts.shape[1]), ["no alarm", *names, "nobody"])
+        axes.set_yticks(range(counts.shape[0]), ["healthy", *names])
+        axes.set_xlabel("named")
+        axes.set_ylabel("fails")
+        axes.grid(visible=False)
 
 
 def table(evaluations: Sequence[Evaluation]) -> str:
