@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from thruster_envs.faults import KINDS, PROFILES, Fault
 
 SHARES = st.floats(0.0, 1.0)
-LARGEST = {"misalignment": math.pi / 2, "late_opening": 100.0}
+LARGEST = {
+    "misalignment": math.pi / 2,
+    "late_opening": 100.0,
+    "propellant_loss": 0.995,
+    "electrode_sediment": 0.75,
+}
 
 
 @st.composite
@@ -25,4 +30,5 @@ def faults(draw, number_of_craft=3, number_of_thrusters=12):
         dwell=draw(st.floats(0.01, 1.0)),
         azimuth=draw(st.floats(-10.0, 10.0)),
         craft=draw(st.integers(1, number_of_craft)),
+        shared=draw(st.booleans()),
     )

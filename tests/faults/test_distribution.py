@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from thruster_envs.faults import KINDS, Fault, FaultDistribution, as_faults
+from thruster_envs.faults import GENERAL_KINDS, KINDS, Fault, FaultDistribution, as_faults
 from thruster_envs.faults import distribution as layout
 
 FULL = FaultDistribution(
@@ -23,6 +23,7 @@ FULL = FaultDistribution(
     dwell=(0.25, 0.75),
     thrusters=(2, 5, 12),
     onset_grid=5.0,
+    shared=True,
 )
 
 
@@ -36,6 +37,7 @@ def test_table_holds_ranges_as_lower_end_and_width():
         (layout.DURATION_LOW, [5, 45]),
         (layout.PROFILE_TIME_LOW, [2, 6]),
         (layout.DWELL_LOW, [0.25, 0.5]),
+        (layout.SHARED, [1]),
         (layout.NUMBER_OF_CHOICES, [3]),
         (layout.FIRST_CHOICE, [1, 4, 11]),
     ):
@@ -49,7 +51,7 @@ def test_table_holds_ranges_as_lower_end_and_width():
 def test_table_holds_weights_as_cumulative_shares_that_end_at_one():
     table = FULL.encode()
     np.testing.assert_array_equal(
-        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25, 1, 1, 1, 1, 1]
+        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25, 1, 1, 1, 1, 1, 1, 1, 1]
     )
     np.testing.assert_array_equal(table[layout.PROFILE_CUMULATIVE : layout.NUMBER_OF_CHOICES], [0.5, 1, 1, 1])
 
@@ -69,7 +71,7 @@ def test_faults_that_stay_have_an_infinite_duration_of_no_width():
 
 def test_kinds_that_are_listed_are_equally_likely():
     assert FaultDistribution(kinds=["loss", "leak"]).kind_weights() == {"loss": 1.0, "leak": 1.0}
-    assert set(FaultDistribution().kind_weights()) == set(KINDS)
+    assert set(FaultDistribution().kind_weights()) == set(GENERAL_KINDS)
 
 
 @pytest.mark.parametrize("distribution", [FaultDistribution(), FULL])

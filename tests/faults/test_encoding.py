@@ -23,12 +23,13 @@ def test_row_has_the_columns_in_the_stated_order():
         dwell=0.4,
         azimuth=1.5,
         craft=2,
+        shared=True,
     )
     rows = encode([fault], number_of_craft=2, number_of_thrusters=12, slots=3)
     assert rows.shape == (2, 3, len(FAULT_FIELDS))
     assert rows.dtype == np.float64
-    np.testing.assert_array_equal(rows[1, 0], [4, 6, 0.25, 100.0, 150.0, 2, 30.0, 0.4, 1.5])
-    assert np.count_nonzero(rows) == 9
+    np.testing.assert_array_equal(rows[1, 0], [4, 6, 0.25, 100.0, 150.0, 2, 30.0, 0.4, 1.5, 1])
+    assert np.count_nonzero(rows) == 10
 
 
 def test_constants_are_the_places_of_the_names():
@@ -36,6 +37,7 @@ def test_constants_are_the_places_of_the_names():
         ("kind", encoding.FIELD_KIND),
         ("end", encoding.FIELD_END),
         ("azimuth", encoding.FIELD_AZIMUTH),
+        ("shared", encoding.FIELD_SHARED),
     ):
         assert FAULT_FIELDS[index] == field
     for kind in KINDS:
@@ -99,7 +101,7 @@ def test_more_faults_than_slots_are_refused():
 
 
 def test_rows_that_hold_no_fault_are_refused():
-    with pytest.raises(ValueError, match=r"shape \(9,\)"):
-        decode(np.zeros(9))
-    with pytest.raises(ValueError, match="craft 1, slot 2: kind 8"):
-        decode([[0.0] * 9, [8.0] + [0.0] * 8])
+    with pytest.raises(ValueError, match=r"shape \(10,\)"):
+        decode(np.zeros(10))
+    with pytest.raises(ValueError, match="craft 1, slot 2: kind 11"):
+        decode([[0.0] * 10, [11.0] + [0.0] * 9])

@@ -19,6 +19,12 @@ TABLE = [
     ("stuck_on", 1.0, "stuck open"),
     ("misalignment", 0.1, "tilted or late"),
     ("late_opening", 3.0, "tilted or late"),
+    ("electrode_sediment", 0.15, "tilted or late"),
+    ("propellant_loss", 0.99, "weak"),
+    ("propellant_loss", 0.98, "slightly weak"),
+    ("conductivity_loss", 0.4, "dead"),
+    ("conductivity_loss", 0.05, "weak"),
+    ("conductivity_loss", 0.01, "slightly weak"),
 ]
 
 

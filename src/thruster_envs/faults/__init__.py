@@ -8,11 +8,20 @@ Fault(thruster=1, kind='stuck_off', severity=1.0, onset=25.0, ...)
 from thruster_envs.faults.distribution import FaultDistribution, as_faults
 from thruster_envs.faults.encoding import FAULT_FIELDS, decode, encode
 from thruster_envs.faults.modes import MODES, mode_of
-from thruster_envs.faults.record import FULL_SCALE, KINDS, PROFILES, Fault
+from thruster_envs.faults.record import (
+    DISCHARGE_KINDS,
+    FULL_SCALE,
+    GENERAL_KINDS,
+    KINDS,
+    PROFILES,
+    Fault,
+)
 
 __all__ = [
+    "DISCHARGE_KINDS",
     "FAULT_FIELDS",
     "FULL_SCALE",
+    "GENERAL_KINDS",
     "KINDS",
     "MODES",
     "PROFILES",

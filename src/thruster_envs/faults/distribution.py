@@ -4,8 +4,8 @@ With the given probability a world draws a number of faults, uniform over `count
 independently of the others, its craft (uniform), its kind (by weight), its severity, onset, duration,
 profile time and dwell (uniform over their ranges), its profile (uniform over `profiles`; the kind
 `intermittent` has its own), its azimuth (uniform over the circle) and its thruster (uniform over those of
-its craft that have no fault yet). The draws themselves are made by the environments, from each world's own
-stream.
+its craft that have no fault yet). Either all faults or none strike all thrusters on the same capacitor. The
+draws themselves are made by the environments, from each world's own stream.
 
 Left out: dependence between faults, onsets that depend on how much a thruster has fired.
 """
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.configuration import coerce_fields, from_mapping, require
 from thruster_envs.faults.record import (
+    GENERAL_KINDS,
     KINDS,
     PROFILES,
     Fault,
@@ -41,8 +42,11 @@ DEFAULT_SEVERITY: dict[str, Range] = {
     "misalignment": (0.1, 0.5),
     "late_opening": (0.5, 2.0),
     "intermittent": (1.0, 1.0),
+    "propellant_loss": (0.9, 0.98),
+    "electrode_sediment": (0.15, 0.5),
+    "conductivity_loss": (0.009, 0.03),
 }
-"""Range of the severity of each kind unless the distribution has another: shares, rad, s."""
+"""Range of the severity of each kind unless the distribution has another: shares, rad, s, ohm."""
 
 # Layout of `FaultDistribution.encode()`. A range is held as its lower end and its width, so that a draw is
 # `low + uniform * width`, which is right for an infinite `low` too.
@@ -58,7 +62,8 @@ PROFILE_TIME_LOW = 8
 PROFILE_TIME_WIDTH = 9
 DWELL_LOW = 10
 DWELL_WIDTH = 11
-KIND_CUMULATIVE = 12  # one per kind: the kind is the first one whose entry is above `uniform`
+SHARED = 12  # 0 or 1
+KIND_CUMULATIVE = 13  # one per kind: the kind is the first one whose entry is above `uniform`
 SEVERITY_LOW = KIND_CUMULATIVE + len(KINDS)  # one per kind
 SEVERITY_WIDTH = SEVERITY_LOW + len(KINDS)  # one per kind
 PROFILE_CUMULATIVE = SEVERITY_WIDTH + len(KINDS)  # one per profile, as for the kinds
@@ -72,7 +77,8 @@ class FaultDistribution:
 
     Attributes:
         probability: That a world draws any.
-        kinds: The kinds that occur, equally likely, or kind to weight.
+        kinds: The kinds that occur, equally likely, or kind to weight; by default those that any spacecraft
+            can have.
         count: Fewest and most faults of a world that draws any.
         onset: Range, s.
         duration: Range, s; both ends are infinite when faults stay.
@@ -83,13 +89,14 @@ class FaultDistribution:
         dwell: Range of the share of each period during which an intermittent profile is on.
         thrusters: Numbers, from 1, of the thrusters that may fail; None for all.
         onset_grid: Onsets are rounded down to multiples of this, s; 0 leaves them as they are drawn.
+        shared: Whether each fault strikes all thrusters that share a capacitor with the one drawn.
 
     Raises:
         ValueError: A value that no distribution can have; one line says which and what would be right.
     """
 
     probability: float = 0.5
-    kinds: tuple[str, ...] | Mapping[str, float] = field(default=KINDS, hash=False)
+    kinds: tuple[str, ...] | Mapping[str, float] = field(default=GENERAL_KINDS, hash=False)
     count: tuple[int, int] = (1, 1)
     onset: Range = (0.0, 0.0)
     duration: Range = (math.inf, math.inf)
@@ -99,6 +106,7 @@ class FaultDistribution:
     dwell: Range = (0.5, 0.5)
     thrusters: tuple[int, ...] | None = None
     onset_grid: float = 0.0
+    shared: bool = False
 
     def __post_init__(self) -> None:
         coerce_fields(self)
@@ -165,7 +173,7 @@ class FaultDistribution:
             )
         table = np.zeros(FIRST_CHOICE + len(choices))
         table[PROBABILITY] = self.probability
-        table[ONSET_GRID] = self.onset_grid
+        table[ONSET_GRID], table[SHARED] = self.onset_grid, self.shared
         for index, values in (
             (COUNT_LOW, self.count),
             (ONSET_LOW, self.onset),

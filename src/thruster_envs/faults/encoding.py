@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.faults.record import KINDS, PROFILES, Fault
 
 EMPTY = 0
-STUCK_OFF, STUCK_ON, LOSS, LEAK, MISALIGNMENT, LATE_OPENING, INTERMITTENT = range(1, len(KINDS) + 1)
+(
+    STUCK_OFF, STUCK_ON, LOSS, LEAK, MISALIGNMENT, LATE_OPENING, INTERMITTENT,
+    PROPELLANT_LOSS, ELECTRODE_SEDIMENT, CONDUCTIVITY_LOSS,
+) = range(1, len(KINDS) + 1)  # fmt: skip
 """Codes of the kinds."""
 
 STEP, RAMP, SINE, SQUARE = range(len(PROFILES))
@@ -30,9 +33,11 @@ FAULT_FIELDS = (
     "profile_time",
     "dwell",
     "azimuth",
+    "shared",
 )
 """The columns of an encoded fault: kind code; thruster index from 0; severity; onset and end in s; profile
-code; profile_time in s; dwell as a share; azimuth in rad."""
+code; profile_time in s; dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same
+capacitor, else 0."""
 
 (
     FIELD_KIND,
@@ -44,6 +49,7 @@ code; profile_time in s; dwell as a share; azimuth in rad."""
     FIELD_PROFILE_TIME,
     FIELD_DWELL,
     FIELD_AZIMUTH,
+    FIELD_SHARED,
 ) = range(len(FAULT_FIELDS))
 """Indices of the columns."""
 
@@ -60,7 +66,7 @@ def encode(
         slots: Faults that a craft can have.
 
     Returns:
-        (craft, slots, 9), columns as in `FAULT_FIELDS`; unused slots are zero.
+        (craft, slots, 10), columns as in `FAULT_FIELDS`; unused slots are zero.
 
     Raises:
         ValueError: A craft or thruster that does not exist, or more faults on a craft than it has slots.
@@ -96,6 +102,7 @@ def encode(
             fault.profile_time,
             fault.dwell,
             fault.azimuth,
+            fault.shared,
         )
         used[craft] += 1
     return rows
@@ -105,7 +112,7 @@ def decode(rows: ArrayLike) -> list[Fault]:
     """The faults of one world, or of one craft.
 
     Args:
-        rows: (craft, slots, 9) or (slots, 9), columns as in `FAULT_FIELDS`.
+        rows: (craft, slots, 10) or (slots, 10), columns as in `FAULT_FIELDS`.
 
     Returns:
         The faults in the order craft, slot. A finite duration is `end - onset`, which may differ from the
@@ -124,7 +131,7 @@ def decode(rows: ArrayLike) -> list[Fault]:
     faults = []
     for craft, slots in enumerate(craft_rows, start=1):
         for slot, row in enumerate(slots.tolist(), start=1):
-            kind, thruster, severity, onset, end, profile, profile_time, dwell, azimuth = row
+            kind, thruster, severity, onset, end, profile, profile_time, dwell, azimuth, shared = row
             if kind == EMPTY:
                 continue
             if kind not in range(1, len(KINDS) + 1) or profile not in range(len(PROFILES)):
@@ -144,6 +151,7 @@ def decode(rows: ArrayLike) -> list[Fault]:
                     dwell=dwell,
                     azimuth=azimuth,
                     craft=craft,
+                    shared=shared != 0.0,
                 )
             )
     return faults

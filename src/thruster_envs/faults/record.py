@@ -1,8 +1,10 @@
-"""One fault of one thruster.
+"""One fault of one thruster, or of all that share its capacitor.
 
-The kinds are those of Yang 2003 (section 4.2: full off, partial, full on, drift) and four that the source
-lacks: leak, misalignment, late opening, intermittent. A fault is active from `onset` until `onset +
-duration`; while it is, its severity follows its profile in time.
+The kinds are those of Yang 2003 (section 4.2: full off, partial, full on, drift); four that the source
+lacks: leak, misalignment, late opening, intermittent; and three of pulsed plasma thrusters, which change the
+discharge and by it the thrust (Valdes 2008, chapter 4: fault cases 1 to 3): propellant loss, electrode
+sediment, conductivity loss. A fault is active from `onset` until `onset + duration`; while it is, its
+severity follows its profile in time.
 
 Left out: faults of sensors, of the propellant feed and of the spacecraft's mass properties.
 """
@@ -15,11 +17,20 @@ from typing import Literal, get_args
 
 from thruster_envs.configuration import coerce_fields, require, suggestion
 
-Kind = Literal["stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent"]
+Kind = Literal[
+    "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
+    "propellant_loss", "electrode_sediment", "conductivity_loss",
+]  # fmt: skip
 Profile = Literal["step", "ramp", "sine", "intermittent"]
 
 KINDS: tuple[str, ...] = get_args(Kind)
 """The kinds of fault, in the order of their codes; the first has code 1, since 0 marks an empty slot."""
+
+DISCHARGE_KINDS: tuple[str, ...] = ("propellant_loss", "electrode_sediment", "conductivity_loss")
+"""The kinds that only a spacecraft with a discharge can have: they change a pulse of its thrusters."""
+
+GENERAL_KINDS: tuple[str, ...] = tuple(kind for kind in KINDS if kind not in DISCHARGE_KINDS)
+"""The kinds that any spacecraft can have."""
 
 PROFILES: tuple[str, ...] = get_args(Profile)
 """The profiles in time, in the order of their codes; the first has code 0."""
@@ -27,8 +38,16 @@ PROFILES: tuple[str, ...] = get_args(Profile)
 FULL_SCALE: dict[str, float] = dict.fromkeys(KINDS, 1.0) | {
     "misalignment": math.pi / 2,
     "late_opening": 5.0,
+    "conductivity_loss": 0.1,
 }
-"""Per kind, the severity that counts as one where severities are shown on a common scale: shares, rad, s."""
+"""Per kind, the severity that counts as one where severities are shown on a common scale: shares, rad, s,
+ohm."""
+
+LARGEST_SHARE: dict[str, float] = {"propellant_loss": 0.995, "electrode_sediment": 0.75}
+"""Largest severity of the kinds that may lose no more than this: a discharge needs a slug and a gap."""
+
+LARGEST_RESISTANCE = 1.0
+"""Largest severity of a conductivity loss, ohm."""
 
 DEFAULT_INTERMITTENT_PERIOD = 20.0
 """Period of an intermittent fault whose `profile_time` is not given, s."""
@@ -49,6 +68,9 @@ class Fault:
             - `misalignment`: angle in rad, up to pi/2, by which the thrust tilts towards `azimuth`.
             - `late_opening`: further opening delay in s.
             - `intermittent`: as `stuck_off`, coming and going; its profile is always `intermittent`.
+            - `propellant_loss`: share of the slug of plasma that is lost; the thrust falls.
+            - `electrode_sediment`: share of the electrodes' width that is lost; the thrust rises.
+            - `conductivity_loss`: resistance added to the circuit, ohm; the thrust falls.
         severity: As the kind has it; shares lie in 0..1.
         onset: When it begins, s from the start of the episode.
         duration: How long it lasts, s; after that the thruster is sound again.
@@ -62,6 +84,7 @@ class Fault:
         dwell: Share of each period during which an `intermittent` profile is on.
         azimuth: Direction of a misalignment about the nominal thrust, rad.
         craft: Number of the spacecraft that has the fault, from 1.
+        shared: Whether it strikes all thrusters that share this one's capacitor.
 
     Raises:
         ValueError: A value that no fault can have; one line says which and what would be right.
@@ -78,6 +101,7 @@ class Fault:
     dwell: float = 0.5
     azimuth: float = 0.0
     craft: int = 1
+    shared: bool = False
 
     def __post_init__(self) -> None:
         coerce_fields(self)
@@ -136,6 +160,11 @@ def check_severity(kind: str, severity: float) -> None:
         right, largest = "an angle from 0 to pi/2 rad", math.pi / 2
     elif kind == "late_opening":
         right, largest = "a finite number of s, zero or more", math.nextafter(math.inf, 0.0)
+    elif kind == "conductivity_loss":
+        right, largest = f"a resistance from 0 to {LARGEST_RESISTANCE:g} ohm", LARGEST_RESISTANCE
+    elif kind in LARGEST_SHARE:
+        largest = LARGEST_SHARE[kind]
+        right = f"a share from 0 to {largest:g}"
     else:
         right, largest = "a share from 0 to 1", 1.0
     require(0.0 <= severity <= largest, f"severity of a {kind!r} fault", severity, right)

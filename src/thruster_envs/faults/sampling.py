@@ -19,7 +19,7 @@ _PROFILES = table.NUMBER_OF_CHOICES - table.PROFILE_CUMULATIVE
 
 @njit
 def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
-    """Fill the slots of one world, ``rows`` (craft, slots, >= 9), with what the distribution draws.
+    """Fill the slots of one world, ``rows`` (craft, slots, >= 10), with what the distribution draws.
 
     Slots that it leaves empty are zero.
     """
@@ -60,6 +60,7 @@ def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
         )
         row[code.FIELD_DWELL] = distribution[table.DWELL_LOW] + uniform[8] * distribution[table.DWELL_WIDTH]
         row[code.FIELD_AZIMUTH] = 2.0 * math.pi * uniform[9]
+        row[code.FIELD_SHARED] = distribution[table.SHARED]
 
 
 @njit

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.faults import Fault, FaultDistribution, encode
+from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS, Fault, FaultDistribution, encode
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.physics import firing, flight
@@ -42,7 +42,7 @@ TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """Encoded faults of a world: the rows (craft, slots, 9), or the table from which they are drawn."""
+    """Encoded faults of a world: the rows (craft, slots, 10), or the table from which they are drawn."""
 
     rows: FloatArray
     table: FloatArray
@@ -61,10 +61,11 @@ class Fleet:
         max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
+        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows the general ones.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.layout` says.
-        faults: (blocks, lanes, slots, 15) float64.
+        faults: (blocks, lanes, slots, 16) float64.
         streams: (blocks, 4, lanes) uint64.
     """
 
@@ -78,8 +79,10 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
+        kinds: tuple[str, ...] = GENERAL_KINDS,
     ) -> None:
         announce_compilation()
+        self.kinds = kinds
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
@@ -121,9 +124,10 @@ class Fleet:
         """Faults in the form in which :meth:`begin` takes them.
 
         Raises:
-            ValueError: A craft or thruster that does not exist, more faults than slots, or a dwell that is
-                shorter than can be followed.
+            ValueError: A craft or thruster that does not exist, more faults than slots, a dwell that is
+                shorter than can be followed, or a kind that the spacecraft or what flies it does not know.
         """
+        self._check_kinds(source)
         n, period = self.layout.thrusters, self.spacecraft.control_period
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
@@ -144,6 +148,28 @@ class Fleet:
                 f"at least the control period, {period:g} s, would be right"
             )
         return FaultPlan(rows, table, isinstance(source, FaultDistribution))
+
+    def _check_kinds(self, source: Sequence[Fault] | FaultDistribution) -> None:
+        if isinstance(source, FaultDistribution):
+            kinds, shared = tuple(source.kind_weights()), source.shared
+        else:
+            kinds, shared = tuple(fault.kind for fault in source), any(fault.shared for fault in source)
+        name, discharges = self.spacecraft.name, self.spacecraft.discharge is not None
+        for kind in kinds:
+            if kind in DISCHARGE_KINDS and not discharges:
+                raise ValueError(
+                    f"kind {kind!r} is a fault of a discharge, and {name!r} has none; "
+                    f"one of {', '.join(self.kinds)} would be right"
+                )
+            if kind not in self.kinds:
+                raise ValueError(
+                    f"kind {kind!r} has no meaning here; one of {', '.join(self.kinds)} would be right"
+                )
+        if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
+            raise ValueError(
+                f"shared is True, and here no thrusters of {name!r} share a capacitor; "
+                "shared=False would be right"
+            )
 
     # What tasks do with it -----------------------------------------------------------------------------
 
@@ -213,7 +239,7 @@ class Fleet:
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
     def fault_rows(self) -> FloatArray:
-        """A copy of the encoded faults, (worlds, craft, slots, 9)."""
+        """A copy of the encoded faults, (worlds, craft, slots, 10)."""
         rows = self.faults[..., : len(code.FAULT_FIELDS)].reshape(-1, self.slots, len(code.FAULT_FIELDS))
         return (
             rows[: self.worlds * self.craft]

@@ -8,6 +8,7 @@
 
 from thruster_envs.spacecraft.description import (
     SLACK_FACTOR,
+    Discharge,
     Feed,
     Sensors,
     Spacecraft,
@@ -18,6 +19,7 @@ from thruster_envs.spacecraft.files import catalogue, load, save
 
 __all__ = [
     "SLACK_FACTOR",
+    "Discharge",
     "Feed",
     "Sensors",
     "Spacecraft",

@@ -3,8 +3,9 @@
 Modelled: a rigid body of constant inertia about a fixed centre of mass; thrusters of constant nominal
 thrust with a shortest useful pulse, valve delays, rise and fall times and a firing-to-firing scatter; the
 thrust that simultaneous firings cost each other through a shared feed (Yang 2003, section 2.3: about 6 %
-for each further open thruster); white measurement errors, equal on the three axes. What flies and what the
-flight software believes are two values of this type.
+for each further open thruster); the electrical circuit of pulsed plasma thrusters, and which of them share a
+capacitor (Valdes 2008, chapter 3); white measurement errors, equal on the three axes. What flies and what
+the flight software believes are two values of this type.
 
 Left out: the motion of the centre of mass as propellant is used, flexible parts, plume impingement,
 reaction wheels, sensor biases. Faults are not a property of the description: they are data of their own, in
@@ -50,6 +51,8 @@ class Thruster:
         scatter: Half-width of the uniform scatter of the thrust from one firing to the next, as a share of
             `thrust`.
         specific_impulse: Thrust over weight flow, s; infinite means that firing uses up no mass.
+        capacitor: Number, from 1, of the capacitor that a pulsed plasma thruster discharges; thrusters with
+            the same one never fire together. 0 for a thruster without one.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Thruster:
     fall_time: float = 0.0
     scatter: float = 0.0
     specific_impulse: float = math.inf
+    capacitor: int = 0
 
     def __post_init__(self) -> None:
         coerce_fields(self)
@@ -113,6 +117,7 @@ class Thruster:
             self.specific_impulse,
             "a positive number of s, or inf",
         )
+        require(self.capacitor >= 0, f"{who}capacitor", self.capacitor, "a number from 1, or 0 for none,")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +144,86 @@ class Feed:
             self.propellant_mass,
             "zero or more kg, or inf",
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discharge:
+    """The circuit that every pulsed plasma thruster of a spacecraft discharges, when all is well.
+
+    A charged capacitor drives a current through two parallel electrodes and the slug of plasma between them;
+    its own magnetic field throws the slug out.
+
+    Attributes:
+        capacitance: F.
+        inductance: Of the circuit before the slug has moved, H.
+        resistance: Of the whole circuit, the plasma included, ohm.
+        electrode_gap: Distance between the electrodes, m.
+        electrode_width: m.
+        slug_mass: Mass of the plasma that one pulse throws out, kg.
+        voltage: Of the capacitor when a pulse begins, V.
+        duration: How long a pulse is followed, s.
+        sample_time: Time between two samples of its waveforms, s; they divide `duration` evenly.
+        firing_time: How long one firing pushes with the nominal thrust, s. The impulse of a healthy firing in
+            flight is `thrust` times this.
+    """
+
+    capacitance: float
+    inductance: float
+    resistance: float
+    electrode_gap: float
+    electrode_width: float
+    slug_mass: float
+    voltage: float
+    duration: float = 30e-6
+    sample_time: float = 1e-8
+    firing_time: float = 0.016
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        for one in dataclasses.fields(self):
+            value = getattr(self, one.name)
+            require(
+                math.isfinite(value) and value > 0.0,
+                f"discharge: {one.name}",
+                value,
+                f"a positive number of {_DISCHARGE_UNITS[one.name]}",
+            )
+        coarsest = COARSEST_SAMPLE * math.sqrt(self.inductance * self.capacitance)
+        require(
+            self.sample_time <= coarsest,
+            "discharge: sample_time",
+            self.sample_time,
+            f"at most {coarsest:.2g} s, {COARSEST_SAMPLE:g} sqrt(inductance capacitance),",
+        )
+        steps = self.duration / self.sample_time
+        require(
+            abs(steps - round(steps)) <= 1e-6 * steps and round(steps) >= 1,
+            "discharge: duration",
+            self.duration,
+            "a whole number of times the sample_time",
+        )
+
+    @property
+    def number_of_samples(self) -> int:
+        """Samples of a waveform, both ends included."""
+        return round(self.duration / self.sample_time) + 1
+
+
+#: Longest sample time, in units of sqrt(inductance capacitance): a step of the integration is no longer.
+COARSEST_SAMPLE = 0.02
+
+_DISCHARGE_UNITS = {
+    "capacitance": "F",
+    "inductance": "H",
+    "resistance": "ohm",
+    "electrode_gap": "m",
+    "electrode_width": "m",
+    "slug_mass": "kg",
+    "voltage": "V",
+    "duration": "s",
+    "sample_time": "s",
+    "firing_time": "s",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +269,8 @@ class Spacecraft:
         sensors: Errors of the relative navigation.
         control_period: Time between two commands, s.
         mean_motion: Of the circular orbit about which it flies, rad/s.
+        discharge: The circuit of its thrusters, all of which are then pulsed plasma thrusters with a
+            capacitor; None where no thruster is one.
         provenance: Where values come from: dotted field name to "stated", "reconstructed: why" or
             "external: what". It takes no part in the hash, and in nothing that is computed.
 
@@ -199,6 +286,7 @@ class Spacecraft:
     sensors: Sensors = field(default_factory=Sensors)
     control_period: float = 5.0
     mean_motion: float = 0.0011
+    discharge: Discharge | None = None
     provenance: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -236,6 +324,27 @@ class Spacecraft:
             self.mean_motion,
             "a positive number of rad/s",
         )
+        self._check_discharge()
+
+    def _check_discharge(self) -> None:
+        for thruster in self.thrusters:
+            if self.discharge is not None and thruster.capacitor == 0:
+                raise ValueError(
+                    f"thruster {thruster.name!r} has no capacitor while the spacecraft has a discharge; "
+                    "a number from 1 for each thruster would be right"
+                )
+            if self.discharge is None and thruster.capacitor > 0:
+                raise ValueError(
+                    f"thruster {thruster.name!r} has the capacitor {thruster.capacitor} while the spacecraft "
+                    "has no discharge; a [discharge] table, or capacitor = 0, would be right"
+                )
+        if self.discharge is not None:
+            require(
+                self.discharge.firing_time <= self.control_period,
+                "discharge: firing_time",
+                self.discharge.firing_time,
+                f"at most the control_period, {self.control_period!r} s,",
+            )
 
     @property
     def number_of_thrusters(self) -> int:
