@@ -1,8 +1,8 @@
 """A plain simulation of a chaser about Mars in its last twenty metres, to test fault diagnosis against.
 
-Modelled, flight by flight and with true pulse timing: the nonlinear relative equations about a circular orbit,
-rigid rotation, eight valves with one pulse per period, a delay of their own each time, first-order rise and
-fall and a minimum on-time, noise of the LIDAR and of the attitude and rate estimates, a delay between
+Modelled, flight by flight and with true pulse timing: the nonlinear relative equations about a circular
+orbit, rigid rotation, eight valves with one pulse per period, a delay of their own each time, first-order
+rise and fall and a minimum on-time, noise of the LIDAR and of the attitude and rate estimates, a delay between
 navigation and control, a constant disturbance; position and attitude loops and an allocation that raises all
 valves together. Left out: the rate of the target's frame in the attitude, propellant, contact.
 
@@ -114,9 +114,9 @@ class Settings:
 class ValveFault:
     """What a valve does from `onset` on.
 
-    `severity` is the opening of `stuck_on`, the share lost of `loss`, the opening of `leak`, the further delay
-    of `late` (the whole pulse) and `late_opening` (its beginning alone) in s, and the time constant of `slow`
-    in s; `stuck_off` has none.
+    `severity` is the opening of `stuck_on`, the share lost of `loss`, the opening of `leak`, the further
+    delay of `late` (the whole pulse) and `late_opening` (its beginning alone) in s, and the time constant of
+    `slow` in s; `stuck_off` has none.
     """
 
     thruster: int = 0
@@ -172,7 +172,7 @@ def fly(seeds, duration: float, faults=None, settings: Settings | None = None) -
     )  # fmt: skip
     for k, (seed, fault) in enumerate(zip(seeds, faults, strict=True)):
         _fly_one(
-            int(seed), reference, WRENCHES, allocation, np.array(settings.disturbance),
+            np.random.default_rng(int(seed)), reference, WRENCHES, allocation, np.array(settings.disturbance),
             np.array(settings.centre_of_mass), numbers,
             fault.thruster - 1, CODES[fault.kind], fault.severity, fault.onset,
             record.open_rates[k], record.position[k], record.attitude[k], record.rate[k],
@@ -254,10 +254,9 @@ def _hill(p, v):
 
 @njit(cache=True)
 def _fly_one(
-    seed, reference, wrenches, allocation, disturbance, centre_of_mass, numbers, thruster, kind, severity,
+    rng, reference, wrenches, allocation, disturbance, centre_of_mass, numbers, thruster, kind, severity,
     onset, open_rates, position, attitude, rate, true_position, true_velocity, pointing,
 ):  # fmt: skip
-    np.random.seed(seed)
     lidar, tilt, gyro, variation = numbers[0], numbers[1], numbers[2], numbers[3]
     late, idle, fast, quick, scatter = int(numbers[4]), numbers[5], numbers[6], numbers[7], numbers[8]
     samples, n = open_rates.shape
@@ -266,16 +265,16 @@ def _fly_one(
     q, w = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
     level = np.zeros(n)
     begins, ends = np.full((kept, n), -1.0), np.full((kept, n), -1.0)
-    gain = 1.0 + scatter * np.random.uniform(-1.0, 1.0, n)
-    phase = np.random.uniform(0.0, 2.0 * math.pi)
+    gain = 1.0 + scatter * rng.uniform(-1.0, 1.0, n)
+    phase = rng.uniform(0.0, 2.0 * math.pi)
     seen_p, seen_q, seen_w = np.zeros((samples, 3)), np.zeros((samples, 4)), np.zeros((samples, 3))
     estimate, speed, pushed = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(samples):
         t = k * PERIOD
         # measure
-        seen_p[k] = p + lidar * np.random.uniform(-1.0, 1.0, 3)
-        seen_q[k] = _turned(q, tilt * np.random.uniform(-1.0, 1.0, 3))
-        seen_w[k] = w + gyro * np.random.uniform(-1.0, 1.0, 3)
+        seen_p[k] = p + lidar * rng.uniform(-1.0, 1.0, 3)
+        seen_q[k] = _turned(q, tilt * rng.uniform(-1.0, 1.0, 3))
+        seen_w[k] = w + gyro * rng.uniform(-1.0, 1.0, 3)
         for j in range(3):
             rate[k, j] = seen_w[k, j]
         position[k, 0], position[k, 1], position[k, 2] = -seen_p[k, 2], seen_p[k, 0], -seen_p[k, 1]
@@ -310,7 +309,7 @@ def _fly_one(
                 told[i] = 0.0
             open_rates[k, i] = told[i]
             delay = NOMINAL_DELAY + 0.5 * variation * (
-                math.sin(2.0 * math.pi * t / 7.3 + phase) + np.random.uniform(-1.0, 1.0)
+                math.sin(2.0 * math.pi * t / 7.3 + phase) + rng.uniform(-1.0, 1.0)
             )
             begin = t + delay
             end = begin + told[i] * PERIOD
@@ -332,9 +331,7 @@ def _fly_one(
                 constant, strength = 0.02, gain[i]
                 if i == thruster and start + h > onset:
                     active = min(1.0, (start + h - onset) / h)
-                    if kind == STUCK:
-                        share = (1.0 - active) * share + active * severity
-                    elif kind == LEAK and told[i] < severity:
+                    if kind == STUCK or (kind == LEAK and told[i] < severity):
                         share = (1.0 - active) * share + active * severity
                     elif kind == LOSS:
                         strength *= 1.0 - active * severity

@@ -114,8 +114,7 @@ class ResidualDesign:
 
     def steady_state(self) -> FloatArray:
         """(s, 6): the state in which the observer rests under a constant input [u; y]."""
-        rest: FloatArray = np.linalg.solve(np.eye(self.states) - self.transition, self.entry)
-        return rest
+        return np.asarray(np.linalg.solve(np.eye(self.states) - self.transition, self.entry), np.float64)
 
     def fault_response(self, samples: int) -> FloatArray:
         """What a constant unit force over mass, 1 m/s^2 along an axis from time 0, does to the residual.
@@ -234,8 +233,7 @@ def assigned_gain(dynamics: ArrayLike, measurement: ArrayLike, eigenvalues: Sequ
         length = np.linalg.norm(vectors, axis=1, keepdims=True)
         here = slice(k * outputs, (k + 1) * outputs)
         left[here], chosen[here] = vectors / length, m / length
-    gain: FloatArray = np.linalg.solve(left, chosen)
-    return gain
+    return np.asarray(np.linalg.solve(left, chosen), np.float64)
 
 
 def closed_form_gain(
@@ -359,8 +357,7 @@ def decoupling(
 def _assignable(dynamics: FloatArray, measurement: FloatArray, eigenvalue: float) -> FloatArray:
     """(p, s): rows that span the left eigenvectors which a gain can give to an eigenvalue (eq. 23)."""
     shifted = eigenvalue * np.eye(dynamics.shape[0]) - dynamics
-    rows: FloatArray = -np.linalg.solve(shifted.T, measurement.T).T
-    return rows
+    return np.asarray(-np.linalg.solve(shifted.T, measurement.T).T, np.float64)
 
 
 def _discrete(
@@ -380,5 +377,13 @@ def _discrete(
     feedthrough = np.hstack([np.zeros((3, 3)), np.eye(3)])
     observer = (motion, np.hstack([command, gain]), -measurement, feedthrough)
     transition, entry, output, through, _ = cont2discrete(observer, period, "bilinear")
-    arrays = [np.ascontiguousarray(one) for one in (transition, entry, output, through)]
-    return ResidualDesign(*arrays, late=int(late), period=float(period), motion=motion, fault=fault)
+    return ResidualDesign(
+        transition=transition,
+        entry=entry,
+        output=output,
+        feedthrough=through,
+        late=int(late),
+        period=float(period),
+        motion=motion,
+        fault=fault,
+    )
