@@ -148,6 +148,7 @@ class Detector(Protocol):
         duration: float,
         *,
         valid: ArrayLike | None = None,
+        age: ArrayLike | None = None,
     ) -> Diagnosis:
         """Take in one interval.
 
@@ -158,6 +159,8 @@ class Detector(Protocol):
             duration: Of the interval, s.
             valid: (vehicles,), where there is a measurement; everywhere by default. One that is not finite
                 is refused and counts as none.
+            age: (vehicles,), s: how long before the end of this interval that ended to which the measurement
+                belongs; 0 by default. One that belongs to another interval is refused and counts as none.
         """
         ...
 

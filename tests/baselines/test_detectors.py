@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from thruster_baselines.detection import (
+    BaseDetector,
     CUSUMDetector,
     EstimatorThreshold,
     FilterBank,
@@ -18,7 +19,6 @@ from thruster_baselines.detection import (
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_baselines.mapping.simplex import PARALLEL_FROM
-from thruster_envs.protocols import Detector
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")
@@ -268,19 +268,54 @@ def test_likelihood_ratios_of_vehicles_shared_among_threads_are_those_of_small_b
 
 
 @every_detector
-def test_bad_measurements_are_refused_counted_and_taught_nothing(make):
-    detector: Detector = make(4)
-    u, z = healthy(4, 7)
+def test_bad_measurements_are_refused_counted_by_name_and_teach_nothing(make):
+    detector: BaseDetector = make(7)
+    u, z = healthy(7, 7)
     z[0, 2] = np.nan
     z[1, 4] = np.inf
     z[2, 0] = 1.0  # m/s within a second: twelve thrusters together do not give that
-    diagnosis = detector.update(u, z, 1.0, valid=[True, True, True, False])
-    assert detector.refused.tolist() == [1, 1, 1, 0]
+    valid = [True, True, True, False, True, True, True]
+    age = [0.0, 0.0, 0.0, 0.0, 1.0, -1.0, np.nan]
+    diagnosis = detector.update(u, z, 1.0, valid=valid, age=age)
+    assert {reason: count.tolist() for reason, count in detector.refused.items()} == {
+        "missing": [0, 0, 0, 1, 0, 0, 0],
+        "late": [0, 0, 0, 0, 1, 1, 1],
+        "not a number": [1, 1, 0, 0, 0, 0, 0],
+        "out of range": [0, 0, 1, 0, 0, 0, 0],
+    }
     assert not diagnosis.detected.any()
     assert (diagnosis.statistic == 0.0).all()
     assert (diagnosis.thruster == 0).all()
-    assert diagnosis.time.tolist() == [1.0] * 4
+    assert diagnosis.time.tolist() == [1.0] * 7
     assert (detector.filter.effectiveness == NOMINAL).all()
+
+
+def test_the_last_refusal_is_told_in_one_line():
+    detector = GLRDetector(ORION, vehicles=5)
+    assert detector.last_refusal() == ""
+    u, z = healthy(5, 7)
+    z[0, 4], z[1, 0] = np.nan, 1.0
+    detector.update(u, z, 1.0, valid=[True, True, False, True, True], age=[0.0, 0.0, 0.0, 1.0, 1e-9])
+    scatter = np.array([one.scatter for one in ORION.thrusters])
+    largest = np.abs(NOMINAL[0]) @ (1.0 + scatter) + 8.0 * np.sqrt(2.0) * ORION.sensors.velocity
+    assert [detector.last_refusal(vehicle) for vehicle in range(5)] == [
+        "the rate change of vehicle 0, rate y, is nan; a finite number of rad/s would be right",
+        f"the rate change of vehicle 1, velocity x, is 1; -{largest:.4g} to {largest:.4g} m/s would be right",
+        "the rate change of vehicle 2 is missing",
+        "the rate change of vehicle 3 is 1 s old; that of the interval that has just ended would be right",
+        "",
+    ]
+    detector.reset([True, False, False, False, False])
+    assert detector.last_refusal(0) == ""
+    assert detector.refused["not a number"].tolist() == [0] * 5
+    assert detector.refused["late"].tolist() == [0, 0, 0, 1, 0]
+    detector.update(u, 0.0 * z[2], 1.0)
+    assert detector.last_refusal(3) == ""
+    planar = GLRDetector(np.ones((2, 4)))
+    planar.update(np.zeros(4), [0.0, np.nan], 1.0)
+    assert planar.last_refusal() == (
+        "the rate change of vehicle 0, axis 2, is nan; a finite number of its unit would be right"
+    )
 
 
 @every_detector
@@ -291,7 +326,7 @@ def test_whatever_thrusters_can_do_is_not_refused(make):
             detector = make(1)
             open_ones = (sign * NOMINAL[axis] > 0.0).astype(float)
             detector.update(np.zeros(12), 1.1 * NOMINAL @ open_ones, 1.0)
-            assert detector.refused.tolist() == [0]
+            assert sum(detector.refused.values()).tolist() == [0]
 
 
 @every_detector
@@ -347,6 +382,10 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
         (lambda: GLRDetector(ORION).reset([0]), r"vehicles is an array of int64 .* a mask \(1,\)"),
         (lambda: GLRDetector(ORION).believe(np.zeros((6, 11))), r"effectiveness has the shape \(6, 11\)"),
         (lambda: GLRDetector(ORION).believe(np.full((6, 12), np.inf)), "effectiveness has an entry"),
+        (
+            lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, age=0.0),
+            r"age has the shape \(\); \(1,\) would be right",
+        ),
         (
             lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, valid=[True, True]),
             r"valid has the shape \(2,\); \(1,\) would be right",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
@@ -11,12 +12,17 @@ import pytest
 from tests.physics.flying import fly
 from thruster_baselines.detection import (
     CUSUMDetector,
+    EstimatorThreshold,
+    FilterBank,
     Flights,
     GenericChiSquared,
     GLRDetector,
     Identification,
     ModelComparison,
     RandomFlights,
+    SetChiSquared,
+    SingleChiSquared,
+    WindowedGLR,
     by_model_comparison,
     evaluate,
     table,
@@ -149,12 +155,24 @@ def test_a_flight_is_a_function_of_its_seed_alone():
     np.testing.assert_array_equal(healthy.on_times, alone.on_times)
 
 
-def test_bad_measurements_are_of_three_kinds_and_as_many_as_stated():
-    flights = RandomFlights(spacecraft=ORION, intervals=100, bad_measurements=0.3)(range(200), faulty=False)
+def test_bad_measurements_are_of_four_kinds_and_as_many_as_stated():
+    flights = RandomFlights(spacecraft=ORION, intervals=100, bad_measurements=0.4)(range(200), faulty=False)
     finite = np.isfinite(flights.rate_change).all(axis=2)
     far = finite & (np.abs(flights.rate_change) > 10.0 * ORION.authority(1.0)).any(axis=2)
-    for bad in (~flights.valid, ~finite, far):
+    for bad in (~flights.valid, ~finite, far, flights.age > 0.0):
         assert bad.mean() == pytest.approx(0.1, abs=5.0 * math.sqrt(0.1 * 0.9 / 20_000))
+
+
+def test_a_late_measurement_is_that_of_the_interval_before_and_says_so():
+    good = RandomFlights(spacecraft=ORION, intervals=100)(range(20), faulty=False)
+    flights = RandomFlights(spacecraft=ORION, intervals=100, bad_measurements=0.4)(range(20), faulty=False)
+    late = flights.age > 0.0
+    before = np.concatenate([np.zeros((20, 1, 6)), good.rate_change[:, :-1]], axis=1)
+    np.testing.assert_array_equal(flights.rate_change[late], before[late])
+    assert set(flights.age[late]) == {1.0}
+    assert flights.valid[late].all()
+    sound = flights.valid & ~late & (flights.rate_change == good.rate_change).all(axis=2)
+    assert sound.mean() == pytest.approx(0.6, abs=5.0 * math.sqrt(0.6 * 0.4 / 2000))
 
 
 # The yardstick
@@ -214,7 +232,7 @@ class Coin:
         self.threshold, self.rng, self.vehicles = 0.0, np.random.default_rng(seed), vehicles
         self.resets = 0
 
-    def update(self, on_times, rate_change, duration, *, valid=None):
+    def update(self, on_times, rate_change, duration, *, valid=None, age=None):
         statistic = self.rng.random(self.vehicles)
         detected = statistic > self.threshold
         zeros = np.zeros((self.vehicles, 12))
@@ -259,7 +277,7 @@ def test_a_coin_is_measured_as_a_coin():
 
 def test_a_detector_that_sleeps_is_infinitely_late(tmp_path):
     class Asleep(Coin):
-        def update(self, on_times, rate_change, duration, *, valid=None):
+        def update(self, on_times, rate_change, duration, *, valid=None, age=None):
             zeros = np.zeros((self.vehicles, 12))
             nothing = zeros[:, 0]
             return Diagnosis(nothing > 0.0, nothing.astype(np.int64), nothing, nothing, zeros, zeros)
@@ -299,16 +317,31 @@ def test_thresholds_are_set_on_validation_and_reported_on_test():
         evaluate(glr(), source, name="glr", false_alarms=1e-6, validation=validation, test=test)
 
 
+def with_sensors(kind, **settings):
+    return lambda vehicles: kind(ORION, 1.0, noise=PhysicalNoise(ORION), vehicles=vehicles, **settings)
+
+
 @pytest.mark.parametrize(
-    "make",
+    ("make", "missed", "isolated"),
     [
-        glr(),
-        lambda vehicles: CUSUMDetector(ORION, 0.0, noise=PhysicalNoise(ORION), vehicles=vehicles),
-        lambda vehicles: GLRDetector(ORION, 0.0, vehicles=vehicles),
+        (lambda vehicles: EstimatorThreshold(ORION, 0.4, vehicles=vehicles), 0.2, 0.8),
+        (with_sensors(GenericChiSquared), 0.02, None),
+        (with_sensors(SingleChiSquared), 0.02, None),
+        (with_sensors(SetChiSquared), 0.02, None),
+        (glr(), 0.02, 0.8),
+        (lambda vehicles: GLRDetector(ORION, 0.0, vehicles=vehicles), 0.02, 0.8),
+        (with_sensors(GLRDetector, sign_gate=True), 0.02, 0.8),
+        (with_sensors(WindowedGLR), 0.02, 0.8),
+        (with_sensors(CUSUMDetector), 0.02, 0.8),
+        (with_sensors(FilterBank), 0.02, 0.8),
     ],
-)
-def test_a_third_of_bad_measurements_raises_no_more_false_alarms_than_calibrated(make):
-    """Calibrated on good measurements only, flown with bad ones."""
+    ids=[
+        "estimator", "generic", "single", "set", "glr", "glr of the source", "glr gated", "windowed", "cusum",
+        "bank",
+    ],
+)  # fmt: skip
+def test_a_third_of_bad_measurements_raises_no_more_false_alarms_than_calibrated(make, missed, isolated):
+    """Calibrated on good measurements only, flown with bad ones of all four kinds; dead thrusters."""
     good = RandomFlights(spacecraft=ORION, intervals=40)
     bad = RandomFlights(spacecraft=ORION, intervals=40, bad_measurements=1.0 / 3.0)
 
@@ -316,12 +349,30 @@ def test_a_third_of_bad_measurements_raises_no_more_false_alarms_than_calibrated
         return (good if seeds[0] in VALIDATION else bad)(seeds, faulty)
 
     found = evaluate(
-        make, source, name="bad input", false_alarms=1e-3, validation=VALIDATION[:500], test=TEST[:500],
+        make, source, name="bad input", false_alarms=1e-3, validation=VALIDATION[:300], test=TEST[:300],
         rates=(),
     )  # fmt: skip
     assert found.false_alarms.low <= 1e-3
-    assert found.missed.value < 0.05
-    assert found.isolated.value > 0.8
+    assert found.missed.value <= missed
+    if isolated is None:  # they name nobody, or as good as
+        assert found.isolated.value < 0.5
+    else:
+        assert found.isolated.value >= isolated
+
+
+def test_late_measurements_that_do_not_say_so_look_like_faults():
+    """Why they have to have an age: the same flights without it."""
+    late = RandomFlights(spacecraft=ORION, intervals=40, bad_measurements=0.1)
+
+    def source(seeds, faulty) -> Flights:
+        flights = late(seeds, faulty)
+        return flights if seeds[0] in VALIDATION else dataclasses.replace(flights, age=None)
+
+    found = evaluate(
+        glr(), source, name="no age", false_alarms=1e-3, validation=VALIDATION[:300], test=TEST[:100],
+        rates=(),
+    )  # fmt: skip
+    assert found.false_alarms.low > 10e-3
 
 
 def test_what_is_identified_is_compared_with_the_truth():

@@ -1,10 +1,11 @@
 """What all detectors here share: the checks at the door, the filter, the clock, and what a test is made of.
 
 Of an interval a detector gets the commanded on-times and the measured rate change. The base takes the loss of
-the shared feed off the on-times, so that it does not look like a fault, refuses measurements that are no
-numbers or that no firing of this vehicle could have given, and lets a filter of the thrusters' effectiveness
-(`thruster_baselines.estimation.EffectivenessFilter`) say what was unexpected in the rest: the residual, and
-the covariance Y that it should have. A detector adds a statistic of them and names a thruster.
+the shared feed off the on-times, so that it does not look like a fault, refuses measurements that are late,
+no numbers, or such as no firing of this vehicle could have given, and lets a filter of the thrusters'
+effectiveness (`thruster_baselines.estimation.EffectivenessFilter`) say what was unexpected in the rest: the
+residual, and the covariance Y that it should have. A detector adds a statistic of them and names a thruster.
+Refusals are counted by their reason (`thruster_baselines.estimation.REFUSALS`).
 
 How large errors are taken to be is the choice of `noise`:
 
@@ -13,9 +14,10 @@ How large errors are taken to be is the choice of `noise`:
 - `PhysicalNoise(spacecraft)`: what the sensors and the scatter of the thrusters give. By default the filter
   then learns nothing and expects what it was told to believe; give a `process_noise` to let it learn.
 
-Left out: that consecutive rate changes share a velocity measurement, and that a measurement may belong to
-another interval than it says. Who loses one may add up the on-times and durations of two intervals, or say
-that this one is not valid.
+Left out: that consecutive rate changes share a velocity measurement. A measurement that belongs to another
+interval than its age says, or that has no age, cannot be told from a fault; navigation's own messages can be
+checked for that, and so that nothing is lost with one of them
+(`thruster_baselines.estimation.MeasurementGate`).
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
+from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, PhysicalNoise
 from thruster_baselines.estimation.effectiveness import Form
+from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -43,9 +46,6 @@ SOURCE_PROCESS_NOISE = 0.01
 
 SOURCE_MEASUREMENT_NOISE = 10.0
 """Variance of each axis of the rate change (Yang 2003, chapter 6)."""
-
-_SIGMAS = 8.0
-"""How many standard deviations of the sensors a measurement may lie beyond what thrusters can give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,6 @@ class BaseDetector(ABC):
         threshold: May be changed at any time.
         time: (vehicles,), s since the last reset.
         filter: What it believes of the thrusters.
-        refused: (vehicles,), how many measurements were no numbers or out of any range.
         last: The interval last taken in.
 
     Raises:
@@ -131,13 +130,10 @@ class BaseDetector(ABC):
         m, n = self._nominal.shape
         if isinstance(spacecraft, Spacecraft):
             coupling = spacecraft.feed.coupling if coupling is None else coupling
-            scatter = np.array([one.scatter for one in spacecraft.thrusters])
-            self._largest_rate = np.abs(self._nominal) @ (1.0 + scatter)
-            sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
-            self._largest_error = _SIGMAS * math.sqrt(2.0) * sensors
+            self._limits = Limits.of(spacecraft)
         else:
             coupling = 0.0 if coupling is None else coupling
-            self._largest_rate, self._largest_error = np.zeros(m), np.full(m, np.inf)
+            self._limits = Limits.none(m)
         self._shares = thrust_shares(coupling, n)
         self.reset()
 
@@ -147,12 +143,16 @@ class BaseDetector(ABC):
         m, n = self._nominal.shape
         if vehicles is None:
             self.time: FloatArray = np.zeros(self._vehicles)
-            self.refused: IntArray = np.zeros(self._vehicles, np.int64)
+            self._refused: IntArray = np.zeros((len(REFUSALS), self._vehicles), np.int64)
+            self._reason: IntArray = np.full(self._vehicles, TAKEN)
+            self._axis: IntArray = np.zeros(self._vehicles, np.int64)
+            self._age: FloatArray = np.zeros(self._vehicles)
             self._believed: FloatArray = np.empty((self._vehicles, m, n))
             self._dead: BoolArray = np.empty((self._vehicles, n), np.bool_)
             self.last: Interval | None = None
         self.time[mask] = 0.0
-        self.refused[mask] = 0
+        self._refused[:, mask] = 0
+        self._reason[mask] = TAKEN
         self._believed[mask] = self._nominal
         self._dead[mask] = ~self._nominal.any(axis=0)
         self._begin(mask)
@@ -196,6 +196,7 @@ class BaseDetector(ABC):
         duration: float,
         *,
         valid: ArrayLike | None = None,
+        age: ArrayLike | None = None,
     ) -> Diagnosis:
         """Take in one interval; see `thruster_envs.protocols.Detector`.
 
@@ -203,9 +204,34 @@ class BaseDetector(ABC):
             ValueError: A wrong shape, on-times that are negative or not finite, a duration that is not
                 positive.
         """
-        interval = self._take_in(on_times, rate_change, duration, valid)
+        interval = self._take_in(on_times, rate_change, duration, valid, age)
         self.last = interval
         return self._judge(interval)
+
+    @property
+    def refused(self) -> dict[str, IntArray]:
+        """How many measurements were refused since the last reset, (vehicles,), for each reason."""
+        return {reason: self._refused[k].copy() for k, reason in enumerate(REFUSALS)}
+
+    def last_refusal(self, vehicle: int = 0) -> str:
+        """Why the measurement of the last interval was refused, for people; empty if it was taken.
+
+        Args:
+            vehicle: Which one, from 0.
+        """
+        reason, interval = int(self._reason[vehicle]), self.last
+        if reason == TAKEN or interval is None:
+            return ""
+        if reason == MISSING:
+            return f"the rate change of vehicle {vehicle} is missing"
+        if reason == LATE:
+            return (
+                f"the rate change of vehicle {vehicle} is {self._age[vehicle]:g} s old; that of the interval "
+                "that has just ended would be right"
+            )
+        k = int(self._axis[vehicle])
+        value = interval.rate_change[vehicle, k]
+        return f"the rate change of vehicle {vehicle}, {self._limits.line(k, value, interval.duration)}"
 
     @abstractmethod
     def _judge(self, interval: Interval) -> Diagnosis:
@@ -223,7 +249,12 @@ class BaseDetector(ABC):
         """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""
 
     def _take_in(
-        self, on_times: ArrayLike, rate_change: ArrayLike, duration: float, valid: ArrayLike | None
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,
+        duration: float,
+        valid: ArrayLike | None,
+        age: ArrayLike | None,
     ) -> Interval:
         count, (m, n) = self._vehicles, self._nominal.shape
         commanded = self._whole(on_times, n, "on_times")
@@ -233,10 +264,13 @@ class BaseDetector(ABC):
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
         if there.shape != (count,):
             raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
+        ages = np.zeros(count) if age is None else np.array(age, dtype=np.float64)
+        if ages.shape != (count,):
+            raise ValueError(f"age has the shape {ages.shape}; ({count},) would be right")
         effective = np.empty((count, n))
         wrong = _at_the_door(
-            commanded, measured, there, float(duration), self._shares,
-            self._largest_rate, self._largest_error, effective, self.refused, self.time,
+            commanded, measured, there, ages, float(duration), self._shares, self._limits.rate,
+            self._limits.error, effective, self._reason, self._axis, self._refused, self.time,
         )  # fmt: skip
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), n)
@@ -244,6 +278,7 @@ class BaseDetector(ABC):
                 f"on_times of vehicle {vehicle}, thruster {thruster + 1} is {commanded[vehicle, thruster]}; "
                 "a finite number of s, zero or more, would be right"
             )
+        self._age = ages
         before = self.filter.effectiveness.copy()
         noise = None if self._noise is None else self._noise.of_rows(effective)
         innovation = self.filter.advance(effective, measured, there, noise)
@@ -288,11 +323,14 @@ def _at_the_door(
     commanded: FloatArray,
     measured: FloatArray,
     there: NDArray[np.bool_],
+    age: FloatArray,
     duration: float,
     shares: FloatArray,
     largest_rate: FloatArray,
     largest_error: FloatArray,
     effective: FloatArray,
+    reason: IntArray,
+    axis: IntArray,
     refused: IntArray,
     time: FloatArray,
 ) -> int:
@@ -312,14 +350,16 @@ def _at_the_door(
     for v in range(count):
         convert(commanded[v], shares, order, True, effective[v])
         time[v] += duration
-        if there[v]:
-            for k in range(measured.shape[1]):
-                size, error = abs(measured[v, k]), largest_error[k]
-                # written so that what is no number is refused, too
-                if not (size < np.inf and (error == np.inf or size <= largest_rate[k] * duration + error)):
-                    there[v] = False
-            if not there[v]:
-                refused[v] += 1
+        reason[v] = TAKEN
+        if not there[v]:
+            reason[v] = MISSING
+        elif not abs(age[v]) <= ON_TIME * duration:  # written so that what is no number is refused, too
+            reason[v] = LATE
+        else:
+            reason[v], axis[v] = first_bad_axis(measured[v], duration, largest_rate, largest_error)
+        if reason[v] != TAKEN:
+            there[v] = False
+            refused[reason[v], v] += 1
     return wrong
 
 

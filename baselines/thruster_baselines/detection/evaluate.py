@@ -392,10 +392,7 @@ def _fly(
         healthy = np.isinf(flights.onset[part])
         for t in range(intervals):
             begin = time.perf_counter()
-            diagnosis = detector.update(
-                flights.on_times[part, t], flights.rate_change[part, t], flights.duration,
-                valid=flights.valid[part, t],
-            )  # fmt: skip
+            diagnosis = detector.update(**flights.step(part, t))
             flown.seconds += time.perf_counter() - begin
             end = (t + 1) * flights.duration
             early = diagnosis.detected & (end <= flights.onset[part])
@@ -425,10 +422,7 @@ def _statistics(make: Callable[[int], Detector], flights: Flights) -> FloatArray
         detector.threshold = math.inf
         detector.reset()
         for t in range(intervals):
-            found[part, t] = detector.update(
-                flights.on_times[part, t], flights.rate_change[part, t], flights.duration,
-                valid=flights.valid[part, t],
-            ).statistic  # fmt: skip
+            found[part, t] = detector.update(**flights.step(part, t)).statistic
     return found
 
 
@@ -504,11 +498,9 @@ def _time_alone(make: Callable[[int], Detector], flights: Flights) -> float:
     for update in range(_TIMED_UPDATES):
         flight, t = divmod(update, flights.on_times.shape[1])
         flight %= flights.on_times.shape[0]
-        at = np.s_[flight : flight + 1, t]
+        step = flights.step(slice(flight, flight + 1), t)
         begin = time.perf_counter()
-        detector.update(
-            flights.on_times[at], flights.rate_change[at], flights.duration, valid=flights.valid[at]
-        )
+        detector.update(**step)
         taken.append(time.perf_counter() - begin)
     return float(np.median(taken))
 

@@ -4,7 +4,7 @@ Any source of such flights will do; here is the simplest, `RandomFlights`: a veh
 measures its velocity after each interval, with the faults of a `FaultDistribution`. Modelled: the shared
 feed, through which partly open valves take their share, the scatter of each firing, all kinds of fault but
 misalignment, sensor errors of each velocity, so that those of consecutive rate changes are correlated as they
-are in truth, and measurements that are missing or spoilt. A flight is a function of its seed alone.
+are in truth, and measurements that are missing, late or spoilt. A flight is a function of its seed alone.
 
 Left out: motion without thrust, gyroscopic coupling, valve delays and minimum pulses, which flights of the
 environments have. A fault is as severe all through an interval as it is in the middle of it, so onsets on the
@@ -17,7 +17,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
@@ -47,6 +47,8 @@ class Flights:
         kind: (flights,), a kind of `thruster_envs.faults.KINDS`, or `none`.
         severity: (flights,), as `thruster_envs.faults.Fault` has it; 0 in a healthy flight.
         onset: (flights,), s since the start; infinite in a healthy flight.
+        age: (flights, intervals), s: how much older than the end of the interval each measurement is, as
+            `Detector.update` takes it; None for none of them.
     """
 
     on_times: FloatArray
@@ -57,6 +59,18 @@ class Flights:
     kind: tuple[str, ...]
     severity: FloatArray
     onset: FloatArray
+    age: FloatArray | None = None
+
+    def step(self, flights: slice, interval: int) -> dict[str, Any]:
+        """The arguments of `Detector.update` for one interval of some of them."""
+        at = (flights, interval)
+        return {
+            "on_times": self.on_times[at],
+            "rate_change": self.rate_change[at],
+            "duration": self.duration,
+            "valid": self.valid[at],
+            "age": None if self.age is None else self.age[at],
+        }
 
 
 class FlightSource(Protocol):
@@ -79,8 +93,10 @@ class RandomFlights:
         duration: Of an interval, s.
         open_share: Probability that a thruster is told to fire in an interval.
         longest: Longest on-time, s; they are uniform up to it. By default the duration.
-        bad_measurements: Share of the measurements that are bad: one third each is missing, no number, and
-            far outside of what the thrusters can do.
+        bad_measurements: Share of the measurements that are bad: one quarter each is missing, no number, far
+            outside of what the thrusters can do, and late, which is that of the interval before once more
+            (before the first one: of a vehicle at rest), with its age. Without the age nobody could tell it
+            from a fault: what was fired then and what is fired now differ as they please.
 
     Raises:
         ValueError: A value that cannot be.
@@ -144,7 +160,7 @@ class RandomFlights:
         _deliver(on_times, rows[:, 0, 0], self.duration, craft.feed.coupling, delivered)
         sensors = np.repeat([craft.sensors.velocity, craft.sensors.rate], 3)
         rate_change = (share * delivered) @ craft.effectiveness().T + sensors * np.diff(errors, axis=1)
-        valid = self._spoil(rate_change, badness)
+        valid, age = self._spoil(rate_change, badness)
         return Flights(
             on_times=on_times,
             rate_change=rate_change,
@@ -156,16 +172,18 @@ class RandomFlights:
             kind=tuple(KINDS[int(one) - 1] if one > 0 else "none" for one in rows[:, 0, 0, code.FIELD_KIND]),
             severity=rows[:, 0, 0, code.FIELD_SEVERITY].copy(),
             onset=rows[:, 0, 0, code.FIELD_ONSET].copy() if faulty else np.full(count, np.inf),
+            age=age,
         )
 
-    def _spoil(self, rate_change: FloatArray, badness: FloatArray) -> BoolArray:
-        """Make some of them bad; returns where there is one at all."""
+    def _spoil(self, rate_change: FloatArray, badness: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Make some of them bad; returns where there is one at all, and how old each is."""
         bad = badness[..., 0] < self.bad_measurements
-        which = np.floor(3.0 * badness[..., 1])
-        rate_change[bad & (which == 1.0)] = np.nan
-        rate_change[bad & (which == 2.0)] += 1e3 * self.spacecraft.authority(self.duration)
-        valid: BoolArray = ~(bad & (which == 0.0))
-        return valid
+        missing, spoilt, far, late = (bad & (np.floor(4.0 * badness[..., 1]) == which) for which in range(4))
+        before = np.concatenate([np.zeros_like(rate_change[:, :1]), rate_change[:, :-1]], axis=1)
+        rate_change[late] = before[late]
+        rate_change[spoilt] = np.nan
+        rate_change[far] += 1e3 * self.spacecraft.authority(self.duration)
+        return ~missing, np.where(late, self.duration, 0.0)
 
 
 @njit(cache=True)

@@ -2,14 +2,19 @@
 
 from thruster_baselines.estimation.calibration_sweep import Calibration, CalibrationSweep
 from thruster_baselines.estimation.effectiveness import EffectivenessFilter, Innovation
+from thruster_baselines.estimation.measurement_gate import MeasuredInterval, MeasurementGate
 from thruster_baselines.estimation.noise import PhysicalNoise
 from thruster_baselines.estimation.rate_change import thrust_rate_change
+from thruster_baselines.estimation.refusals import REFUSALS
 
 __all__ = [
+    "REFUSALS",
     "Calibration",
     "CalibrationSweep",
     "EffectivenessFilter",
     "Innovation",
+    "MeasuredInterval",
+    "MeasurementGate",
     "PhysicalNoise",
     "thrust_rate_change",
 ]
