@@ -1,7 +1,8 @@
 """Rigid-body attitude: Euler's equations for the rates, a fourth-order Magnus step for the quaternion.
 
 Models a rigid body with a full inertia matrix under a body-fixed torque that is a quadratic in time over one
-sub-step. Leaves out gravity-gradient and any other environmental torque, flexible modes and slosh.
+sub-step, and the gravity-gradient torque for who asks for it. Leaves out any other environmental torque,
+flexible modes and slosh.
 
 Conventions: quaternions are scalar-first and unit, *body-from-reference*, with the Hamilton product:
 ``v_body = q (x) v_reference (x) q*``, so ``q' = -1/2 (0, rate) (x) q`` for the angular rate of the body in
@@ -99,6 +100,17 @@ def angular_acceleration(rate, torque, inertia, inverse):
     return _symmetric_product(
         inverse, (torque[0] - gyroscopic[0], torque[1] - gyroscopic[1], torque[2] - gyroscopic[2])
     )
+
+
+@njit(forceinline=True)
+def gravity_gradient(vertical, strength, inertia):
+    """Torque ``strength v x (J v)`` of the gravity gradient, N m (Hughes 1986, section 8.2).
+
+    ``vertical`` is the unit vector to or from the Earth's centre in body axes, ``strength`` three times the
+    square of the mean motion. Inertia as in :func:`angular_acceleration`.
+    """
+    torque = cross(vertical, _symmetric_product(inertia, vertical))
+    return (strength * torque[0], strength * torque[1], strength * torque[2])
 
 
 @njit(forceinline=True)

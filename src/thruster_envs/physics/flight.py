@@ -157,7 +157,7 @@ def _fly_block(
             columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
-    _draw(b, data, streams, words, n)
+    draw_words(b, data, streams, words, n)
     node_count, busy_slots = _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n)
     changing = busy_slots > 0
     _command_valves(
@@ -205,7 +205,7 @@ def _fly_block(
 
 
 @njit(forceinline=True)
-def _draw(b, data, streams, words, n):
+def draw_words(b, data, streams, words, n):
     """Random words of the period, 6 + n / 2 of them.
 
     They give twelve normal numbers for the sensors, then one uniform number for each thruster.

@@ -1,0 +1,52 @@
+"""The compiled loop of a whole flight: the law commands, the formation flies, what happens is recorded."""
+
+from numba import njit
+
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.pulsed_flight import FIRING_TIME, fly_blocks, fly_singly
+from thruster_envs.tasks.access import place
+from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def fly_whole(
+    data, faults, streams, vehicle, targets, gains,
+    attitude, measured_attitude, rate, measured_rate, pulses, thrust,
+):  # fmt: skip
+    """Fly all worlds of a pulsed fleet from their start to their end under the law, and record them.
+
+    The arrays to be filled are those of :class:`thruster_envs.missions.Missions`.
+    """
+    worlds, steps, craft, n = thrust.shape
+    lanes = data.shape[2]
+    firing_time = vehicle.pulsed[FIRING_TIME]
+    for step in range(steps + 1):
+        _record_motion(data, at.ATTITUDE, step, attitude, rate)
+        _record_motion(data, at.MEASURED + 6, step, measured_attitude, measured_rate)
+        if step == steps:
+            break
+        hold_attitudes(data, targets, 0, craft, 0, worlds, gains)
+        if lanes == 1:
+            fly_singly(data, faults, streams, vehicle, True, 0, data.shape[0])
+        else:
+            fly_blocks(data, faults, streams, vehicle, True, 0, data.shape[0])
+        for world in range(worlds):
+            for c in range(craft):
+                b, w = place(world, c, craft, lanes)
+                for axis in range(3):
+                    forwards = data[b, at.SCALARS + gains.thrusters[axis, 0], w]
+                    backwards = data[b, at.SCALARS + gains.thrusters[axis, 1], w]
+                    pulses[world, step, c, axis] = int(forwards) - int(backwards)
+                for i in range(n):
+                    thrust[world, step, c, i] = data[b, at.SCALARS + n + i, w] / firing_time
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def _record_motion(data, row, step, attitude, rate):
+    for world in range(attitude.shape[0]):
+        for c in range(attitude.shape[2]):
+            q, w = relative_motion(data, row, world, c, attitude.shape[2])
+            for k in range(4):
+                attitude[world, step, c, k] = q[k]
+            for k in range(3):
+                rate[world, step, c, k] = w[k]
