@@ -1,0 +1,30 @@
+"""Networks of neurons with internal filters that notice a failing plasma thruster (Valdes 2008)."""
+
+from thruster_agents.dynamic_neurons.back_propagation import dynamic_back_propagation
+from thruster_agents.dynamic_neurons.filtering import recursive_filter
+from thruster_agents.dynamic_neurons.layers import DynamicLayer, DynamicNeuron
+from thruster_agents.dynamic_neurons.networks import (
+    Architecture,
+    DynamicNetwork,
+    GRUNetwork,
+    SequenceNetwork,
+    StaticNetwork,
+    build_network,
+)
+from thruster_agents.dynamic_neurons.training import TrainingRecord, TrainingSettings, train
+
+__all__ = [
+    "Architecture",
+    "DynamicLayer",
+    "DynamicNetwork",
+    "DynamicNeuron",
+    "GRUNetwork",
+    "SequenceNetwork",
+    "StaticNetwork",
+    "TrainingRecord",
+    "TrainingSettings",
+    "build_network",
+    "dynamic_back_propagation",
+    "recursive_filter",
+    "train",
+]

@@ -1,20 +1,20 @@
 """Extended dynamic back-propagation, the training rule of the source, from its own sensitivities.
 
-Valdes 2008 names the rule and prints no equation; this is its standard form for the neuron of `layers`. Of a
-neuron with weighted sum x, filter output v and output y = F(g v), with 1/A the all-pole filter of its a_i:
+Valdes 2008 names the rule and prints no equation; this is its standard form for the neuron of `layers`. Of
+a neuron with weighted sum x, filter output v and output y = F(g v), 1/A being the all-pole filter of its a_i:
 
     P_w(k) = 1/A of sum_j b_j u(k-j),   P_a_j(k) = - 1/A of v(k-j),   P_b_j(k) = 1/A of x(k-j)
     dy/dtheta(k) = g F'(g v(k)) P_theta(k),   dy/dg(k) = F'(g v(k)) v(k)
 
-and -dE/dtheta = sum over k of eps(k) dy/dtheta(k), of E = 1/2 sum of e(k)^2, with the error eps of the neuron's
-output. In the output layer it is e. What a neuron's output at k does to later outputs of the next layer goes
-through the filter of that layer: exactly,
+and -dE/dtheta = sum over k of eps(k) dy/dtheta(k), of E = 1/2 sum of e(k)^2, eps being the error of the
+neuron's output. In the output layer it is e. What a neuron's output at k does to later outputs of the next
+layer goes through the filter of that layer: exactly,
 
     eps_s(k) = sum_l w_ls mu_l(k),   mu_l(k) = sum_{k' >= k} h_l(k'-k) g_l F'(g_l v_l(k')) eps_l(k'),
 
-h_l being the impulse response of B_l/A_l: the same filter, run backwards in time. The rule of the source keeps
-of it the first term only, mu_l(k) = b_0 g_l F'_l eps_l(k) (*truncated*), which is right where the next layer has
-no dynamics. The derivatives returned here are of the mean square error, as those of autograd are.
+h_l being the impulse response of B_l/A_l: the same filter, run backwards in time. The rule of the source
+keeps of it the first term only, mu_l(k) = b_0 g_l F'_l eps_l(k) (*truncated*), which is right where the next
+layer has no dynamics. The derivatives left here are of the mean square error, as those of autograd are.
 
 Left out: updates after each sample; the derivatives are summed over the whole training set.
 """
@@ -62,6 +62,8 @@ def dynamic_back_propagation(
         at_filter = propagated * bent * layer.slope
         _local(layer, inward, v, scale * at_filter)
         propagated = _through_filter(layer, at_filter, truncated) @ layer.weight
+    for parameter in network.parameters():
+        parameter.grad = parameter.grad.contiguous()  # type: ignore[union-attr]  # as optimisers expect it
     return error.square().mean()
 
 

@@ -48,7 +48,8 @@ def recursive_filter(signal: torch.Tensor, feedforward: torch.Tensor, feedback: 
         raise ValueError(
             f"signal has the shape {tuple(signal.shape)}; (batch, time, channels) would be right"
         )
-    if feedback.ndim != 2 or feedforward.shape != (channels, feedback.shape[1] + 1):
+    order = feedback.shape[-1]
+    if feedback.shape != (channels, order) or feedforward.shape != (channels, order + 1):
         raise ValueError(
             f"feedforward has the shape {tuple(feedforward.shape)} and feedback {tuple(feedback.shape)}; "
             f"({channels}, r + 1) and ({channels}, r) would be right"

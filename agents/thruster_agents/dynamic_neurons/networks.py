@@ -1,4 +1,4 @@
-"""Networks that predict one signal from several: of dynamic neurons, of static ones, and a gated recurrent unit.
+"""Networks that predict one signal from several: of dynamic neurons, of static ones, and a recurrent unit.
 
 All three stand behind one interface, `SequenceNetwork`: sequences in, sequence out, and the same on the own
 past output in place of the last input. The dynamic network is Valdes 2008, sections 4.3 and 5.3 (2-10-1 and

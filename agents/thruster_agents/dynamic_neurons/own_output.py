@@ -81,7 +81,7 @@ def _tanh(x):
 
 @njit(error_model="numpy", cache=True, nogil=True)
 def _run(inputs, sizes, weights, rest, feedforward, feedback, bent, output):
-    """inputs (blocks, time, inputs, lanes); per neuron weights, bias and slope, b, a; output (.., time, lanes).
+    """Fills the output (blocks, time, lanes) for inputs (blocks, time, inputs, lanes).
 
     The past of a neuron's weighted sum and of its filter's output stand in rings of r + 1 samples.
     """
