@@ -89,4 +89,4 @@ def _draw_flights(panel: Axes, by_pilot: Mapping[str, Sequence[Flight]], names: 
         ylabel="final miss, m",
         title="Every flight: where it ended, and what it fired",
     )
-    panel.legend(loc="upper left")
+    panel.legend(loc="lower left")

@@ -10,7 +10,8 @@ allocate with the same mapper; they differ in what they know:
 - the open-loop one follows the plan of the start without looking;
 - the last one does nothing.
 
-Where a flight ended is taken from the true state.
+Where a flight ended is taken from the true state. Flights in which nothing fails (`fly_healthy`) show what
+the classical pilot takes for a fault.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -38,9 +39,9 @@ from thruster_baselines.guidance import RendezvousPlanner
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.physics import layout as at
 from thruster_envs.protocols import FloatArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["FAULT_KINDS", "PILOTS", "Flight", "fly", "fly_all"]
+__all__ = ["FAULT_KINDS", "PILOTS", "Flight", "HealthyFlight", "fly", "fly_all", "fly_healthy"]
 
 FAULT_KINDS = ("stuck_off", "loss", "stuck_on")
 _HALF = 0.5
@@ -64,7 +65,7 @@ class Flight:
         angle: Between body and LVLH, there, rad.
         rate: Of the body, inertial, there, rad/s.
         firing_time: Thruster-seconds of open valve.
-        decisions: What a pilot that diagnoses decided, but for what it refused.
+        decisions: What a pilot that diagnoses decided of thrusters.
     """
 
     pilot: str
@@ -80,6 +81,27 @@ class Flight:
     rate: float
     firing_time: float
     decisions: tuple[Decision, ...]
+
+
+@dataclass(frozen=True)
+class HealthyFlight:
+    """How the classical pilot flew with nothing failing.
+
+    Attributes:
+        seed: Of the episode.
+        success: Whether the craft was in the terminal box when the time was up.
+        firing_time: Thruster-seconds of open valve.
+        threshold: Of the likelihood ratio.
+        statistics: (intervals,), the likelihood ratio.
+        names: How often it named a thruster.
+    """
+
+    seed: int
+    success: bool
+    firing_time: float
+    threshold: float
+    statistics: FloatArray
+    names: int
 
 
 class Pilot(ABC):
@@ -180,34 +202,83 @@ PILOTS: dict[str, Callable[[Spacecraft, int], Pilot]] = {
 }
 
 
-def fly_all(seeds: Sequence[int], orbits: float = 0.5) -> list[Flight]:
+def fly_all(
+    seeds: Sequence[int],
+    orbits: float = 0.5,
+    pilots: Sequence[str] = tuple(PILOTS),
+    period: float | None = None,
+) -> list[Flight]:
     """Fly each seed with each pilot; many are shared among the processors.
 
     Args:
         seeds: Of the episodes.
         orbits: Time for the rendezvous.
+        pilots: Of `PILOTS`.
+        period: Of control, s; Orion's by default.
     """
-    jobs = [(pilot, seed) for seed in seeds for pilot in PILOTS]
-    fly_one = partial(_fly_job, orbits=orbits)
+    jobs = [(pilot, seed) for seed in seeds for pilot in pilots]
+    fly_one = partial(_fly_job, orbits=orbits, period=period)
     if len(seeds) <= _FEW:
         return [fly_one(job) for job in jobs]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(fly_one, jobs, chunksize=len(PILOTS)))
+        return list(pool.map(fly_one, jobs, chunksize=len(pilots)))
 
 
-def _fly_job(job: tuple[str, int], orbits: float) -> Flight:
-    return fly(*job, orbits=orbits)
+def fly_healthy(
+    seeds: Sequence[int], orbits: float = 0.5, period: float | None = None
+) -> list[HealthyFlight]:
+    """Fly each seed with the classical pilot and no fault; many are shared among the processors.
+
+    Args:
+        seeds: Of the episodes.
+        orbits: Time for the rendezvous.
+        period: Of control, s; Orion's by default.
+    """
+    fly_one = partial(_fly_healthy, orbits=orbits, period=period)
+    if len(seeds) <= _FEW:
+        return [fly_one(seed) for seed in seeds]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(fly_one, seeds))
 
 
-def fly(pilot: str, seed: int, orbits: float = 0.5) -> Flight:
+def _fly_healthy(seed: int, orbits: float, period: float | None) -> HealthyFlight:
+    env = _environment(orbits, period)
+    task = env.unwrapped.task
+    observation, info = env.reset(seed=seed)
+    pilot, over = ClassicalPilot(task.vehicle, task.steps), False
+    while not over:
+        observation, _, over, _, info = env.step(pilot(observation))
+    return HealthyFlight(
+        seed=seed,
+        success=bool(info["success"]),
+        firing_time=float(info["fuel"]),
+        threshold=pilot.detector.threshold,
+        statistics=np.array(pilot.statistics),
+        names=sum(one.what == "named" for one in pilot.log),
+    )
+
+
+def _environment(orbits: float, period: float | None) -> Any:
+    spacecraft = load("orion")
+    if period is not None:
+        spacecraft = replace(spacecraft, control_period=period)
+    return gym.make(ENVIRONMENT, orbits=orbits, spacecraft=spacecraft, disable_env_checker=True)
+
+
+def _fly_job(job: tuple[str, int], orbits: float, period: float | None) -> Flight:
+    return fly(*job, orbits=orbits, period=period)
+
+
+def fly(pilot: str, seed: int, orbits: float = 0.5, period: float | None = None) -> Flight:
     """Fly one episode.
 
     Args:
         pilot: One of `PILOTS`.
         seed: Of the episode; the fault is drawn from it too.
         orbits: Time for the rendezvous.
+        period: Of control, s; Orion's by default.
     """
-    env: Any = gym.make(ENVIRONMENT, orbits=orbits, disable_env_checker=True)
+    env = _environment(orbits, period)
     task, worlds = env.unwrapped.task, env.unwrapped.worlds
     duration = task.steps * task.vehicle.control_period
     faults = FaultDistribution(
@@ -240,7 +311,7 @@ def fly(pilot: str, seed: int, orbits: float = 0.5) -> Flight:
         angle=float(np.linalg.norm(attitude_error(attitude))),
         rate=float(np.linalg.norm(rate)),
         firing_time=float(info["fuel"]),
-        decisions=tuple(one for one in flown_by.log if one.what != "refused"),
+        decisions=tuple(one for one in flown_by.log if one.thruster > 0),
     )
 
 

@@ -7,6 +7,7 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import thruster_envs  # noqa: F401 - registers the environments
 from thruster_baselines.control import (
@@ -18,8 +19,10 @@ from thruster_baselines.control import (
     ThrusterBelief,
     settings_for,
 )
+from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.guidance import RendezvousPlanner
 from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper
+from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 
@@ -151,14 +154,15 @@ def test_it_arrives_with_a_dead_thruster_and_forgets_that_in_the_next_episode():
     assert info["success"]
     assert named(pilot) == [(6, "stuck_off")]
     fly(pilot, VALIDATION[2], 1)
-    assert pilot.log == []
+    assert [(one.what, one.kind) for one in pilot.log] == [("planned", "at the start")]
     assert (pilot.belief.share == 1.0).all()
 
 
 def test_healthy_it_names_nobody_and_arrives_with_method_2():
     pilot = ClassicalPilot(ORION, STEPS, compensation=AdditiveCompensationMapper)
     assert fly(pilot, VALIDATION[3])["success"]
-    assert pilot.log == []
+    assert {one.what for one in pilot.log} <= {"planned", "tested", "suspected", "cleared"}
+    assert len([one for one in pilot.log if one.what == "planned"]) == pilot.controller.plans
 
 
 def test_told_it_believes_and_says_so():
@@ -166,11 +170,54 @@ def test_told_it_believes_and_says_so():
     env = gym.make(ENVIRONMENT)
     pilot(env.reset(seed=0)[0])
     pilot.tell(HEALTHY.changed(3, share=0.0, stuck_on=False))
-    assert [(one.what, one.thruster, one.kind) for one in pilot.log] == [("told", 3, "stuck_off")]
+    assert [(one.what, one.thruster, one.kind) for one in pilot.log] == [
+        ("planned", 0, "at the start"),
+        ("told", 3, "stuck_off"),
+    ]
     assert not pilot.controller.navigation.effectiveness[:, 2].any()
     assert not pilot.detector.filter.effectiveness[0, :, 2].any()
     with pytest.raises(dataclasses.FrozenInstanceError):
         pilot.log[0].time = 1.0
+
+
+def test_the_log_has_every_decision_and_reads_as_lines():
+    """A valve sticks open: it is named, held against, and planned for at once; so is what follows."""
+    pilot = ClassicalPilot(ORION, STEPS)
+    fly(pilot, VALIDATION[1], 110, faults=[{"thruster": 2, "kind": "stuck_on", "onset": 402.0}])
+    at_once = [one for one in pilot.log if one.time == 405.0]
+    assert [(one.what, one.thruster) for one in at_once] == [
+        ("named", 2),
+        ("held against", 2),
+        ("started anew", 0),  # three seconds of thrust without command are beyond what navigation expects
+        ("planned", 0),
+    ]
+    assert at_once[-1].kind == "with another belief"
+    assert at_once[0].statistic > pilot.detector.threshold
+    assert str(at_once[1]) == "   405.0 s  held against: thruster 2, stuck_on, 100 % of its thrust"
+    assert all("nan" not in str(one) for one in pilot.log)
+    assert [one.time for one in pilot.log] == sorted(one.time for one in pilot.log)
+
+
+def test_the_threshold_follows_from_the_rate_of_false_alarms_unless_one_is_given():
+    twelve = norm.isf(0.5 * 1e-3 / 12.0) ** 2  # chi-squared, one degree of freedom, one test per thruster
+    stated = ClassicalPilot(ORION, STEPS, diagnosis=DiagnosisSettings(false_alarm_rate=1e-3))
+    assert stated.detector.threshold == pytest.approx(twelve)
+    given = ClassicalPilot(ORION, STEPS, diagnosis=DiagnosisSettings(threshold=25.0))
+    assert given.detector.threshold == 25.0
+
+
+def test_healthy_flights_exceed_a_stated_rate_no_more_often_than_stated():
+    """At one in 200 intervals, so that four flights show it; half of that is seen while nothing fires."""
+    rate, statistics = 0.005, []
+    pilot = ClassicalPilot(ORION, STEPS, diagnosis=DiagnosisSettings(threshold=1e9))
+    for seed in VALIDATION[:4]:
+        fly(pilot, seed)
+        statistics += pilot.statistics
+    threshold = chi_squared_threshold(rate, tests=12)
+    exceeded = sum(one > threshold for one in statistics)
+    low, high = clopper_pearson(exceeded, len(statistics))
+    assert len(statistics) == 4 * (STEPS - 1)
+    assert low <= 0.5 * rate <= high < 2.0 * rate
 
 
 def test_it_flies_in_periods_of_one_second():

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from reproductions.yang2003.closed_loop_faults import study
-from reproductions.yang2003.fault_flights import FAULT_KINDS, PILOTS, Oracle, fly
+from reproductions.yang2003.closed_loop_faults import _holding, study
+from reproductions.yang2003.fault_flights import (
+    FAULT_KINDS,
+    PILOTS,
+    HealthyFlight,
+    Oracle,
+    fly,
+    fly_healthy,
+)
+from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
+from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_envs.faults import KINDS
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
@@ -43,6 +54,28 @@ def test_all_pilots_meet_the_same_fault_and_only_the_classical_one_says_anything
     ]
     assert not flown[list(PILOTS).index("blind")].decisions
     assert classical.rate < 0.5 * flown[list(PILOTS).index("blind")].rate
+
+
+def test_healthy_flights_keep_the_likelihood_ratio_of_every_interval():
+    (flight,) = fly_healthy(VALIDATION[:1], SHORT)
+    assert flight.statistics.shape == (57 - 1,)  # the last measurement comes after the last decision
+    assert flight.threshold == pytest.approx(chi_squared_threshold(1e-4, tests=12))
+    assert flight.names == 0
+
+
+@pytest.mark.parametrize(("period", "thruster"), [(5.0, 3), (1.0, 3), (1.0, 8)])
+def test_what_scatter_leaves_while_others_hold_grows_with_the_period(period, thruster):
+    """Drawn firings against the computed spread, for one thruster; the median over all is of its size."""
+    spacecraft = replace(ORION, control_period=period)
+    allocation = FaultAllocation(spacecraft)
+    belief = ThrusterBelief.healthy(12).changed(thruster, share=1.0, stuck_on=True)
+    delivered = allocation.delivered(allocation(np.zeros(6), belief), belief)
+    share = 1.0 + 0.1 * np.random.default_rng(3).uniform(-1.0, 1.0, (4000, 12))
+    rates = (share * delivered) @ allocation.nominal[3:].T
+    spread = np.sqrt(np.square(rates).sum(axis=1).mean())
+    computed = _holding(period)["rate after a period, root mean square, rad/s"]
+    assert spread == pytest.approx(computed, rel=0.1)
+    assert np.degrees(computed) < 0.5 or period > 1.0  # 0.5 degrees/s is the terminal box
 
 
 def test_the_oracle_believes_what_is_true_and_no_longer_than_that():
@@ -82,9 +115,14 @@ def test_the_study_judges_the_classical_pilot_by_what_the_oracle_can_fly(monkeyp
         for seed in range(3)
         for pilot in PILOTS
     ]
-    monkeypatch.setattr(closed_loop_faults, "fly_all", lambda seeds, orbits: flown)
+    statistics = [np.full(1000, 5.0), np.r_[np.full(3, 30.0), np.full(997, 5.0)]]  # no alarm, and three
+    healthy = [HealthyFlight(seed, True, 400.0, 20.0, statistics[seed], seed) for seed in range(2)]
+    monkeypatch.setattr(closed_loop_faults, "fly_all", lambda *given, **more: flown)
+    monkeypatch.setattr(closed_loop_faults, "fly_healthy", lambda *given, **more: healthy)
     finding = study(QUICK)
     assert finding.data["oracle can fly"] == 2
     assert finding.data["of these the classical pilot flies"] == 1
     assert finding.data["firing time of the oracle's, median"] == pytest.approx(1.05)
-    assert list(finding.checks.values()) == [False, True, False]
+    assert list(finding.checks.values()) == [False, True, False, False, False]
+    seen = finding.data["alarms of healthy flights"]["periods of 5 s"]
+    assert (seen["alarms"], seen["intervals"], seen["flights in which one was named"]) == (3, 2000, 1)

@@ -3,7 +3,14 @@
 At the start of each period it takes in the measurement, forms the rate change of the last period, and asks
 the likelihood ratio test (`GLRDetector`, with the effectiveness filter inside and physically scaled noise)
 whether the thrusters did what they were told. If not, it names one, compares models of how it failed,
-corrects its belief, and from then on plans, maps and predicts with that. Every such step is logged.
+corrects its belief, and from then on plans, maps and predicts with that. Every decision is logged, and an
+entry of the log reads as a line.
+
+The threshold follows from the stated rate of false alarms. With physically scaled noise each likelihood ratio
+of a healthy craft is chi-squared with one degree of freedom, and it takes the largest of one for each
+thruster: `chi_squared_threshold` with so many tests. That bounds the rate whatever fires. While nothing does,
+the sign gate halves what can be exceeded, and the true rate is half of the stated one. An alarm is not yet a
+name: most of them blame nobody clearly, or a fault that no model explains better than none, and are cleared.
 
 Beyond the source, because attitude is flown here:
 
@@ -18,8 +25,8 @@ Beyond the source, because attitude is flown here:
 - One that is named and turns out to do what it is told is trusted again. One that is believed dead is never
   fired, so nothing is learned of it any more.
 
-Where sensors or scatter say otherwise than the description, `thruster_baselines.detection` has the tool that
-calibrates a threshold.
+Where sensors or scatter are other than described, `threshold_for_rate` calibrates a threshold from
+`statistics` of healthy flights.
 
 Measurements that are missing, late or out of range are refused and counted; navigation then predicts, and the
 test takes the whole time since the last measurement as one interval. Left out: faults that turn a thrust,
@@ -41,6 +48,7 @@ from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternions import rotation_matrix, turned
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.detection.base import Interval
+from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.glr import GLRDetector
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
@@ -51,7 +59,19 @@ from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["ClassicalPilot", "Decision", "DiagnosisSettings", "settings_for"]
 
-Event = Literal["suspected", "named", "refined", "trusted again", "told", "refused"]
+Event = Literal[
+    "suspected",
+    "cleared",
+    "named",
+    "refined",
+    "trusted again",
+    "held against",
+    "tested",
+    "planned",
+    "told",
+    "refused",
+    "started anew",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +80,20 @@ class Decision:
 
     Attributes:
         time: s since the start of the episode, when it was decided.
-        what: `suspected` (something is wrong, it is not sure who), `named`, `refined` (the level is another),
-            `trusted again`, `told` (by somebody who knows), or `refused` (a measurement).
+        what: `suspected` (something is wrong, it is not sure who), `cleared` (the suspicion is dropped),
+            `named`, `refined` (the level is another), `trusted again`, `held against` (its valve cannot be
+            shut, and from now on the others cancel it), `tested` (fired for a moment, to hear of it),
+            `planned` (the rest of the flight), `told` (by somebody who knows), `refused` (a measurement), or
+            `started anew` (navigation, from a measurement that it did not expect at all).
         thruster: Its number, from 1; 0 where none is meant.
-        kind: `stuck_off`, `loss`, `stuck_on` or `healthy`; for `refused`, why.
-        level: Believed share of its thrust, delivered while it is open.
-        statistic: Of the likelihood ratio test.
+        kind: `stuck_off`, `loss`, `stuck_on` or `healthy`; for `refused` and `planned`, why.
+        level: Believed share of its thrust, delivered while it is open; no number where nothing is believed.
+        statistic: Of the likelihood ratio test; no number where it was not asked.
+
+    >>> print(Decision(30.0, "named", 6, "loss", 0.47, 85.31))
+        30.0 s  named: thruster 6, loss, 47 % of its thrust, likelihood ratio 85.3
+    >>> print(Decision(150.0, "planned", 0, "due", math.nan, math.nan))
+       150.0 s  planned: due
     """
 
     time: float
@@ -75,17 +103,27 @@ class Decision:
     level: float
     statistic: float
 
+    def __str__(self) -> str:
+        """A line to read."""
+        parts = (
+            f"thruster {self.thruster}" if self.thruster else "",
+            self.kind,
+            "" if math.isnan(self.level) else f"{100.0 * self.level:.0f} % of its thrust",
+            "" if math.isnan(self.statistic) else f"likelihood ratio {self.statistic:.1f}",
+        )
+        said = ", ".join(part for part in parts if part)
+        return f"{self.time:8.1f} s  {self.what}{': ' if said else ''}{said}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisSettings:
     """How the pilot diagnoses; the defaults were tuned on healthy and faulty validation flights of Orion.
 
     Attributes:
-        threshold: Of the likelihood ratio, chi-squared with one degree of freedom where all is well. With
-            Orion's six pairs of signatures 18.5 would be exceeded in one interval of 10,000; what is left out
-            of the noise makes some exceed that. In 40 healthy validation flights (22,800 intervals, 5,527 of
-            them with firing) the largest was 22.8.
-        lead: By how much the ratio of one suspect has to exceed that of the next for it to be named.
+        false_alarm_rate: Of a healthy craft, at most so many alarms per interval.
+        threshold: Of the likelihood ratio, instead of the one that follows from that rate.
+        lead: By how much the ratio of one suspect has to exceed that of the next for it to be named; 12 is
+            e^6 = 400 to one in likelihood.
         first_deviation: Standard deviation of the level seen in the interval in which a fault is first named,
             since it may have begun within.
         open_deviation: The same for a valve that is stuck open, which is taken as open all the way.
@@ -101,7 +139,8 @@ class DiagnosisSettings:
         probe_pulse: Length of that, s; 0 for no tests.
     """
 
-    threshold: float = 30.0
+    false_alarm_rate: float = 1e-4
+    threshold: float | None = None
     lead: float = 12.0
     first_deviation: float = 0.25
     open_deviation: float = 0.03
@@ -156,6 +195,7 @@ class ClassicalPilot:
         detector: The likelihood ratio test and its filter.
         belief: What is believed of the thrusters.
         log: Every decision of the episode.
+        statistics: Of the likelihood ratio test, of each interval that it was asked about.
         refused: How many measurements could not be used.
     """
 
@@ -175,12 +215,15 @@ class ClassicalPilot:
         self.allocation = FaultAllocation(spacecraft, compensation, settings.rotation_priority)
         self._diagnosis = diagnosis
         how = DiagnosisSettings() if diagnosis is None else diagnosis
+        threshold = how.threshold
+        if threshold is None:
+            threshold = chi_squared_threshold(how.false_alarm_rate, tests=spacecraft.number_of_thrusters)
         strongest = np.abs(self.allocation.nominal).max(axis=1)
         self._noise = PhysicalNoise(spacecraft)
         self._sensor_noise = self._noise.sensors.copy()
         self.detector = GLRDetector(
             spacecraft,
-            how.threshold,
+            threshold,
             sign_gate=True,
             noise=self._noise,
             process_noise=np.square(how.drift * strongest),
@@ -200,11 +243,13 @@ class ClassicalPilot:
         self.detector.reset()
         self.belief = ThrusterBelief.healthy(n)
         self.log = []
+        self.statistics: list[float] = []
         self.refused = 0
         self._variance = np.zeros(n)
         self._named = np.zeros(n, np.bool_)
         self._evidence = np.zeros((2, n))  # of a loss, and of thrust without command
         self._suspicious: tuple[Interval, Diagnosis] | None = None  # the last interval that was
+        self._suspect = 0  # whom the log last said to be suspected, from 1
         self._heard = np.zeros(n)  # step in which each thruster last fired long enough to be judged
         self._on_times = np.zeros(n)
         self._before: Measured | None = None
@@ -229,7 +274,7 @@ class ClassicalPilot:
         measured = self._reader.read(observation)
         if measured is None:
             self.refused += 1
-            self.log.append(Decision(self.time, "refused", 0, self._reader.fault, math.nan, math.nan))
+            self._note("refused", kind=self._reader.fault)
         begins = self._reader.step == 0
         if not begins:
             self._remember_firing()
@@ -239,12 +284,15 @@ class ClassicalPilot:
         if measured is None:
             self.navigation.predict(acting)
         else:
+            surprises = self.navigation.surprises
             self.navigation.update(
                 acting, measured.position, measured.velocity, measured.attitude, measured.rate
             )
+            if self.navigation.surprises > surprises:
+                self._note("started anew")
             self._before, self._gap = measured, 0
             self._fired, self._longest = np.zeros_like(self._fired), 0.0
-        command = self.controller.decide(self.time)
+        command = self._plan()
         self._on_times = self.allocation(command, self.belief)
         uneven = bool((self.belief.share < 1.0).any()) and bool(command[:3].any())
         if uneven or self.belief.stuck_on.any():
@@ -259,8 +307,27 @@ class ClassicalPilot:
         before = self.belief
         for i in np.flatnonzero((belief.share != before.share) | (belief.stuck_on != before.stuck_on)):
             kind = _kind(float(belief.share[i]), bool(belief.stuck_on[i]))
-            self.log.append(Decision(self.time, "told", int(i) + 1, kind, float(belief.share[i]), math.nan))
+            self._note("told", int(i) + 1, kind, float(belief.share[i]))
         self._believe(belief)
+
+    def _note(
+        self,
+        what: Event,
+        thruster: int = 0,
+        kind: str = "",
+        level: float = math.nan,
+        statistic: float = math.nan,
+    ) -> None:
+        """Write into the log."""
+        self.log.append(Decision(self.time, what, thruster, kind, level, statistic))
+
+    def _plan(self) -> FloatArray:
+        """The rate change (6,) to ask for in the coming period, m/s then rad/s, after a new plan if due."""
+        plans, known = self.controller.plans, self.controller.plan is not None
+        command = self.controller.decide(self.time)
+        if self.controller.plans > plans:
+            self._note("planned", kind="due" if known else "with another belief" if plans else "at the start")
+        return command
 
     def _steady(self, command: FloatArray) -> None:
         """Correct the on-times for how far they turn the body within the period.
@@ -293,6 +360,8 @@ class ClassicalPilot:
 
     def _believe(self, belief: ThrusterBelief) -> None:
         """From now on plan, map, predict and expect with this."""
+        for i in np.flatnonzero(belief.stuck_on & ~self.belief.stuck_on):
+            self._note("held against", int(i) + 1, "stuck_on", float(belief.share[i]))
         self.belief = belief
         effectiveness = self.allocation.effectiveness(belief)
         n = belief.share.size
@@ -320,6 +389,7 @@ class ClassicalPilot:
         self._noise.sensors = self._sensor_noise.copy()
         self._noise.sensors[:3] += np.square(push * (how.pointing[0] + how.pointing[1] * turn))
         diagnosis = self.detector.update(self._fired, change, duration)
+        self.statistics.append(float(diagnosis.statistic[0]))
         if diagnosis.detected[0] and self.detector.last is not None:
             # What a faulty thruster did must not teach the filter anything about those that fired with it.
             self.detector.filter.effectiveness[:] = self.detector.last.effectiveness
@@ -375,9 +445,11 @@ class ClassicalPilot:
         if best[first] > self.detector.threshold and best[first] - best[second] >= how.lead:
             return int(first) + 1
         if diagnosis.detected[0]:
-            self.log.append(Decision(self.time, "suspected", int(first) + 1, "", math.nan, statistic))
+            self._suspect = int(first) + 1
+            self._note("suspected", self._suspect, statistic=statistic)
         else:
             self._evidence, self._suspicious = np.zeros_like(self._evidence), None
+            self._note("cleared", self._suspect, statistic=statistic)
         return 0
 
     def _possible(self, diagnosis: Diagnosis, interval: Interval) -> FloatArray:
@@ -402,6 +474,7 @@ class ClassicalPilot:
         stuck = bool(self.belief.stuck_on[i])
         kind = self._comparison(interval, [thruster]).kind[0]
         if kind == "none":
+            self._note("cleared", thruster, statistic=statistic)
             return acted
         self._named[i] = True
         if kind in ("stuck_on", "leak") and not stuck:  # how far open, later intervals will tell
@@ -455,6 +528,7 @@ class ClassicalPilot:
         if np.abs(answer.slack).max() <= _ROUND_OFF:
             self._on_times = answer.on_times.copy()
             self._on_times[i] = how.probe_pulse
+            self._note("tested", i + 1)
 
     def _refine(self, how: DiagnosisSettings, skip: int) -> None:
         """Let what named thrusters gave in the last interval correct what is believed of them."""
@@ -487,8 +561,8 @@ class ClassicalPilot:
         return 0.0 if share < how.dead_level else 1.0 if share > how.healthy_level else share
 
     def _change(self, thruster: int, what: Event, share: float, stuck_on: bool, statistic: float) -> None:
+        self._note(what, thruster, _kind(share, stuck_on), share, statistic)
         self._believe(self.belief.changed(thruster, share=share, stuck_on=stuck_on))
-        self.log.append(Decision(self.time, what, thruster, _kind(share, stuck_on), share, statistic))
 
 
 _HOLDING = 4  # thrusters open at once while others hold against one that is stuck on
