@@ -2,8 +2,8 @@
 
 Modelled, flight by flight and with true pulse timing: the nonlinear relative equations about a circular
 orbit, rigid rotation, eight valves with one pulse per period, a delay of their own each time, first-order
-rise and fall and a minimum on-time, noise of the LIDAR and of the attitude and rate estimates, a delay between
-navigation and control, a constant disturbance; position and attitude loops and an allocation that raises all
+rise and fall and a minimum on-time, noise of the LIDAR and of the attitude and rate estimates, a delay
+between navigation and control, a constant disturbance; position and attitude loops and an allocation that raises all
 valves together. Left out: the rate of the target's frame in the attitude, propellant, contact.
 
 The vehicle is MSR-A, a parameter set of this project: the source (Fonod et al. 2013) withholds every number.
@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_baselines.detection.residuals import NavigationFlights
 from thruster_envs.spacecraft import Sensors, Spacecraft, Thruster
 
 Array = NDArray[np.float64]
@@ -147,6 +148,14 @@ class Record:
     true_velocity: Array
     pointing: Array
     faults: list[ValveFault] = field(default_factory=list)
+
+    def seen(self) -> NavigationFlights:
+        """What detectors may see, and the faults to judge them by."""
+        return NavigationFlights(
+            self.open_rates, self.position, self.attitude, self.rate, PERIOD,
+            np.array([one.thruster for one in self.faults]), tuple(one.kind for one in self.faults),
+            np.array([one.severity for one in self.faults]), np.array([one.onset for one in self.faults]),
+        )  # fmt: skip
 
 
 def fly(seeds, duration: float, faults=None, settings: Settings | None = None) -> Record:

@@ -1,5 +1,7 @@
 """Detection from navigation: residuals of an observer of position, fed with what valves were told."""
 
+from thruster_baselines.detection.residuals.base import BaseNavigationDetector
+from thruster_baselines.detection.residuals.correlation import CorrelationDetector
 from thruster_baselines.detection.residuals.design import (
     Decoupling,
     DelayModel,
@@ -12,18 +14,32 @@ from thruster_baselines.detection.residuals.design import (
     pade_design,
     relative_motion,
 )
+from thruster_baselines.detection.residuals.flights import NavigationFlights, Watched, watch
 from thruster_baselines.detection.residuals.generator import ResidualGenerator
+from thruster_baselines.detection.residuals.norm_threshold import (
+    NormThreshold,
+    margin_threshold,
+    named_design,
+)
 
 __all__ = [
+    "BaseNavigationDetector",
+    "CorrelationDetector",
     "Decoupling",
     "DelayModel",
+    "NavigationFlights",
+    "NormThreshold",
     "ResidualDesign",
     "ResidualGenerator",
+    "Watched",
     "assigned_gain",
     "closed_form_gain",
     "decoupling",
     "delay_model",
+    "margin_threshold",
+    "named_design",
     "observer_design",
     "pade_design",
     "relative_motion",
+    "watch",
 ]

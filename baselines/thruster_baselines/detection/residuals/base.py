@@ -1,0 +1,225 @@
+"""What all detectors fed by navigation share: the checks at the door, the clock, alarms and names that stay.
+
+A detector here takes the open rates of each period and what navigation measured at its beginning
+(`thruster_envs.protocols.NavigationDetector`), and says at once whether something is wrong and, when it is
+sure, with which thruster. An alarm and a name stay until a reset, since the source latches both.
+
+Left out: what becomes of a fault that ends, and several faults at once.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from thruster_envs.configuration import require
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["BaseNavigationDetector", "take_attitude"]
+
+SETTLING_TIME = 40.0
+"""s after the first sample without alarms: the observers begin at rest, the vehicles do not."""
+
+
+class BaseNavigationDetector(ABC):
+    """A detector that checks what navigation gives it, keeps time, alarms and names, and leaves the rest.
+
+    Args:
+        spacecraft: Description, name or path: of its effectiveness, control period and mean motion.
+        threshold: What the statistic has to exceed for an alarm.
+        settle: How long after the first sample there are no alarms, s.
+        vehicles: How many are watched.
+
+    Attributes:
+        threshold: May be changed at any time.
+        spacecraft: As it was given.
+        effectiveness: (vehicles, 6, n), believed, m/s^2 then rad/s^2.
+        detected: (vehicles,), whether there has been an alarm.
+        thruster: (vehicles,), the named one, from 1; 0 as long as there is none.
+        detection_time: (vehicles,), s from the first sample to the alarm; infinite without.
+        isolation_time: (vehicles,), s from the first sample to the name; infinite without.
+        refused: (vehicles,), how many samples were no numbers or no attitudes.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path,
+        threshold: float,
+        *,
+        settle: float = SETTLING_TIME,
+        vehicles: int = 1,
+    ) -> None:
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        require(threshold >= 0.0, "threshold", threshold, "a number of 0 or more")
+        require(settle >= 0.0, "settle", settle, "a number of s, 0 or more")
+        require(vehicles >= 1, "vehicles", vehicles, "one or more")
+        self.spacecraft = spacecraft
+        self.threshold = float(threshold)
+        self.settle = float(settle)
+        self._period = spacecraft.control_period
+        self._vehicles = vehicles
+        self._n = spacecraft.number_of_thrusters
+        self._everywhere: BoolArray = np.ones(vehicles, np.bool_)
+        self._no_rate: FloatArray = np.zeros((vehicles, 3))
+        self.effectiveness: FloatArray = np.empty((vehicles, 6, self._n))
+        self.samples: IntArray = np.zeros(vehicles, np.int64)
+        self.detected: BoolArray = np.zeros(vehicles, np.bool_)
+        self.thruster: IntArray = np.zeros(vehicles, np.int64)
+        self.detection_time: FloatArray = np.full(vehicles, np.inf)
+        self.isolation_time: FloatArray = np.full(vehicles, np.inf)
+        self.refused: IntArray = np.zeros(vehicles, np.int64)
+        self._attitude: FloatArray = np.zeros((vehicles, 4))
+
+    def reset(self, vehicles: ArrayLike | None = None) -> None:
+        """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
+        mask = self._mask(vehicles)
+        self.effectiveness[mask] = self.spacecraft.effectiveness()
+        self.samples[mask] = 0
+        self.refused[mask] = 0
+        self._attitude[mask] = (1.0, 0.0, 0.0, 0.0)
+        self._begin(mask)
+        self._clear(mask)
+
+    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+        """From now on expect what thrusters of this effectiveness give, and take back alarms and names.
+
+        The observers go on. A thruster with a column of zeros is not suspected any more.
+
+        Args:
+            effectiveness: (6, n) or (vehicles, 6, n), m/s^2 then rad/s^2.
+            vehicles: Which ones, as a mask (vehicles,); all by default.
+
+        Raises:
+            ValueError: A wrong shape, an entry that is not finite.
+        """
+        mask = self._mask(vehicles)
+        given = np.asarray(effectiveness, dtype=np.float64)
+        whole = self.effectiveness.shape
+        if given.shape not in (whole[1:], whole):
+            raise ValueError(
+                f"effectiveness has the shape {given.shape}; {whole[1:]}, or with {whole[0]} vehicles in "
+                "front, would be right"
+            )
+        if not np.isfinite(given).all():
+            raise ValueError("effectiveness has an entry that is not finite; m/s^2, rad/s^2 would be right")
+        self.effectiveness[mask] = np.broadcast_to(given, whole)[mask]
+        self._clear(mask)
+
+    def update(
+        self,
+        open_rates: ArrayLike,
+        position: ArrayLike,
+        attitude: ArrayLike,
+        rate: ArrayLike | None = None,
+        *,
+        valid: ArrayLike | None = None,
+    ) -> Diagnosis:
+        """Take in one sample; see `thruster_envs.protocols.NavigationDetector`.
+
+        Raises:
+            ValueError: A wrong shape, an open rate that is none.
+        """
+        told = self._rows(open_rates, self._n, "open_rates")
+        place = self._rows(position, 3, "position")
+        pointing = self._rows(attitude, 4, "attitude")
+        turning = self._no_rate if rate is None else self._rows(rate, 3, "rate")
+        there = self._everywhere
+        if valid is not None:
+            there = np.asarray(valid, dtype=np.bool_)
+            if there.shape != (self._vehicles,):
+                raise ValueError(f"valid has the shape {there.shape}; ({self._vehicles},) would be right")
+        wrong = _first_wrong(told)
+        if wrong >= 0:
+            vehicle, thruster = divmod(int(wrong), self._n)
+            raise ValueError(
+                f"open_rates of vehicle {vehicle}, thruster {thruster + 1} is {told[vehicle, thruster]}; "
+                "a number from 0 to 1 would be right"
+            )
+        return self._judge(told, place, pointing, turning, there)
+
+    @abstractmethod
+    def _judge(
+        self,
+        open_rates: FloatArray,
+        position: FloatArray,
+        attitude: FloatArray,
+        rate: FloatArray,
+        valid: BoolArray,
+    ) -> Diagnosis:
+        """What to say of a checked sample."""
+
+    @abstractmethod
+    def _begin(self, mask: BoolArray) -> None:
+        """Start the observers of the vehicles of a mask (vehicles,) anew."""
+
+    def _clear(self, mask: BoolArray) -> None:
+        """Take back alarms and names, and drop the evidence, in the vehicles of a mask (vehicles,)."""
+        self.detected[mask] = False
+        self.thruster[mask] = 0
+        self.detection_time[mask] = self.isolation_time[mask] = np.inf
+
+    def _answer(
+        self, statistic: FloatArray, suspicion: FloatArray | None = None, shortfall: FloatArray | None = None
+    ) -> Diagnosis:
+        shape = (self._vehicles, self._n)
+        return Diagnosis(
+            self.detected.copy(),
+            self.thruster.copy(),
+            statistic,
+            self._period * (self.samples - 1),
+            np.zeros(shape) if suspicion is None else suspicion,
+            np.zeros(shape) if shortfall is None else shortfall,
+        )
+
+    def _rows(self, given: ArrayLike, size: int, name: str) -> FloatArray:
+        values = np.ascontiguousarray(given, dtype=np.float64)
+        if values.shape == (self._vehicles, size):
+            return values
+        if values.shape == (size,):
+            return np.repeat(values[np.newaxis], self._vehicles, axis=0)
+        raise ValueError(f"{name} has the shape {values.shape}; ({self._vehicles}, {size}) would be right")
+
+    def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
+        if vehicles is None:
+            return self._everywhere
+        mask = np.asarray(vehicles)
+        if mask.shape != (self._vehicles,) or mask.dtype != np.bool_:
+            raise ValueError(
+                f"vehicles is an array of {mask.dtype} and of the shape {mask.shape}; a mask "
+                f"({self._vehicles},) would be right"
+            )
+        return mask
+
+
+@njit(error_model="numpy", inline="always")
+def take_attitude(attitude, last, v):  # type: ignore[no-untyped-def]
+    """Whether the attitude of vehicle v is one; if so it is kept, of unit length, in `last` (vehicles, 4)."""
+    square = 0.0
+    for j in range(4):
+        square += attitude[v, j] * attitude[v, j]
+    if not (0.8 < square < 1.25):  # written so that what is no number is refused, too
+        return False
+    scale = 1.0 / np.sqrt(square)
+    for j in range(4):
+        last[v, j] = scale * attitude[v, j]
+    return True
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _first_wrong(open_rates: FloatArray) -> int:
+    """The flat index of the first open rate that is none, or -1."""
+    count, n = open_rates.shape
+    for v in range(count):
+        for i in range(n):
+            if not (0.0 <= open_rates[v, i] <= 1.0):
+                return v * n + i
+    return -1

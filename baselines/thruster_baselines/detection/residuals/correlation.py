@@ -1,0 +1,217 @@
+"""Isolation by cross-correlation of residual and commands, the source's eqs. 33-34.
+
+After an alarm, in every sample k and for each axis j of the residual, a vote goes to the thruster i with the
+least
+
+    c_ji = | (1 / N) sum over l = k - N .. k of r_j(l) u_i(l) |,
+
+u_i being the commanded open rate. The votes of the three axes are combined, and whoever is chosen in N_c
+samples in a row is named.
+
+What it rests on: the controller fights a thruster that is stuck open and drives its command to the lowest of
+all, so that its open rate goes least with the residual. The test is one of commands, and it is right for open
+faults only; of a closed or a weak thruster the controller asks *more*, which the greatest c finds
+(`pick="greatest"`). It needs an idle open rate above zero and a controller that answers within the window.
+
+Readings of the source: eq. 33 prints r_j(k), which leaves the sum and makes all axes vote for the least mean
+open rate (`residual="last"`); r_j(l) is meant. Its guard against idle thrusters (Remark 3) leaves out those
+with a low mean open rate, among them the stuck one, whose command has just gone to zero; here it is off by
+default, and may be judged by the window before the alarm instead.
+
+Left out: kinds and sizes of faults.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from numba import njit
+
+from thruster_baselines.detection.residuals.base import SETTLING_TIME
+from thruster_baselines.detection.residuals.design import ResidualDesign
+from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
+from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.configuration import require, suggestion
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["CorrelationDetector"]
+
+Vote: TypeAlias = Literal["majority", "global", "x", "y", "z"]
+Pick: TypeAlias = Literal["least", "greatest"]
+ResidualIndex: TypeAlias = Literal["window", "last"]
+GuardWindow: TypeAlias = Literal["now", "before"]
+
+_MAJORITY, _GLOBAL = 3, 4
+
+
+class CorrelationDetector(NormThreshold):
+    """Alarms by the length of the residual and names the thruster whose command goes least with it.
+
+    Args:
+        spacecraft: Description, name or path.
+        threshold: Of the length of the residual, m.
+        design: Of the observer, or a name of one; see `NormThreshold`.
+        window: N, samples.
+        confirmations: N_c, samples in a row with the same choice.
+        vote: `majority` of the axes, the source's (three different votes fall back to the global choice);
+            `global`, over axes and thrusters; or one axis of the design.
+        pick: `least`, the source's, or `greatest`.
+        residual: `window` for r_j(l), or `last` for the printed r_j(k).
+        idle_guard: Mean open rate below which a thruster is left out; 0 leaves none out.
+        guard_window: Whether the guard's mean is over the window that ends `now`, as Remark 3 has it, or over
+            the N samples that ended N samples `before` the alarm.
+        settle: How long after the first sample there are no alarms, s.
+        vehicles: How many are watched.
+
+    Attributes:
+        choice: (vehicles,), chosen in the last sample, from 1; 0 as long as there is no alarm.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path,
+        threshold: float,
+        *,
+        design: ResidualDesign | DesignName = "pade",
+        window: int = 10,
+        confirmations: int = 10,
+        vote: Vote = "majority",
+        pick: Pick = "least",
+        residual: ResidualIndex = "window",
+        idle_guard: float = 0.0,
+        guard_window: GuardWindow = "now",
+        settle: float = SETTLING_TIME,
+        vehicles: int = 1,
+    ) -> None:
+        for name, value, known in (
+            ("vote", vote, get_args(Vote)),
+            ("pick", pick, get_args(Pick)),
+            ("residual", residual, get_args(ResidualIndex)),
+            ("guard_window", guard_window, get_args(GuardWindow)),
+        ):
+            if value not in known:
+                raise ValueError(f"{name} {value!r} is unknown; {suggestion(value, known)}")
+        require(window >= 1, "window", window, "one sample or more")
+        require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
+        require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1,")
+        self.window, self.confirmations = int(window), int(confirmations)
+        self.idle_guard = float(idle_guard)
+        self._vote = {"x": 0, "y": 1, "z": 2, "majority": _MAJORITY, "global": _GLOBAL}[vote]
+        self._sign = 1.0 if pick == "least" else -1.0
+        self._last_residual = residual == "last"
+        self._guard_before = guard_window == "before"
+        self.choice: IntArray = np.zeros(vehicles, np.int64)
+        self._in_a_row: IntArray = np.zeros(vehicles, np.int64)
+        self._idle: BoolArray = np.zeros((vehicles, 0), np.bool_)
+        super().__init__(spacecraft, threshold, design=design, settle=settle, vehicles=vehicles)
+
+    def _kept(self) -> int:
+        return 2 * self.window + 1
+
+    def _clear(self, mask: BoolArray) -> None:
+        super()._clear(mask)
+        if self._idle.shape[1] == 0:
+            self._idle = np.zeros((self._vehicles, self._n), np.bool_)
+        self.choice[mask] = self._in_a_row[mask] = 0
+
+    def _isolate(self) -> None:
+        work = partial(
+            _correlate, self._residuals, self._rates, self.samples, self._period, self.detected,
+            self.detection_time, self.window, self.confirmations, self._vote, self._sign,
+            self._last_residual, self.idle_guard, self._guard_before, self._idle, self.effectiveness,
+            self.choice, self._in_a_row, self.thruster, self.isolation_time,
+        )  # fmt: skip
+        in_threads(work, self._vehicles)
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _correlate(
+    residuals: FloatArray,
+    rates: FloatArray,
+    samples: IntArray,
+    period: float,
+    detected: BoolArray,
+    detection_time: FloatArray,
+    window: int,
+    confirmations: int,
+    vote: int,
+    sign: float,
+    last_residual: bool,
+    idle_guard: float,
+    guard_before: bool,
+    idle: BoolArray,
+    effectiveness: FloatArray,
+    choice: IntArray,
+    in_a_row: IntArray,
+    thruster: IntArray,
+    isolation_time: FloatArray,
+    first: int,
+    last: int,
+) -> None:
+    kept, n = rates.shape[1:]  # kept is 2 N + 1
+    score, mean = np.empty((3, n)), np.empty(n)
+    votes = np.empty(3, np.int64)
+    for v in range(first, last):
+        if not detected[v] or thruster[v] > 0:
+            continue
+        newest = samples[v] - 1
+        count = min(samples[v], window + 1)
+        for i in range(n):
+            mean[i] = 0.0
+            for j in range(3):
+                score[j, i] = 0.0
+        for back in range(count):
+            slot = (newest - back) % kept
+            at = newest % kept if last_residual else slot
+            for i in range(n):
+                mean[i] += rates[v, slot, i]
+            for j in range(3):
+                r = residuals[v, at, j]
+                for i in range(n):
+                    score[j, i] += r * rates[v, slot, i]
+        time = newest * period
+        if not guard_before:
+            for i in range(n):
+                idle[v, i] = mean[i] < idle_guard * count
+        elif time == detection_time[v]:
+            for i in range(n):
+                total, taken = 0.0, min(samples[v], kept) - window
+                for back in range(window, window + taken):
+                    total += rates[v, (newest - back) % kept, i]
+                idle[v, i] = total < idle_guard * taken
+        found_best, overall = np.inf, -1
+        for j in range(3):
+            best, votes[j] = np.inf, -1
+            for i in range(n):
+                weak = True
+                for k in range(3):
+                    weak = weak and effectiveness[v, k, i] == 0.0
+                if weak or idle[v, i]:
+                    continue
+                value = sign * abs(score[j, i]) / window
+                if value < best:
+                    best, votes[j] = value, i
+                if value < found_best:
+                    found_best, overall = value, i
+        chosen = overall
+        if vote < 3:
+            chosen = votes[vote]
+        elif vote == 3 and (votes[0] == votes[1] or votes[0] == votes[2]):
+            chosen = votes[0]
+        elif vote == 3 and votes[1] == votes[2]:
+            chosen = votes[1]
+        if chosen + 1 == choice[v] and chosen >= 0:
+            in_a_row[v] += 1
+        else:
+            choice[v] = chosen + 1
+            in_a_row[v] = 1
+        if choice[v] > 0 and in_a_row[v] >= confirmations:
+            thruster[v] = choice[v]
+            isolation_time[v] = time

@@ -1,0 +1,166 @@
+"""Detection by the length of the residual, the source's eq. 32: an alarm where it reaches a fixed threshold.
+
+The length says that something is wrong, not what; isolators build on it. The threshold belongs to the design
+of the observer, the noise and what flights are flown: `calibration.threshold_for_rate` finds it for a stated
+false-alarm rate from healthy flights, `margin_threshold` takes the largest value of such flights and a
+margin. A manoeuvre outside of those flights alarms: the observer with Pade's states answers an abrupt stop of
+the approach as it does a fault.
+
+Left out: any gathering of evidence, and thresholds that follow the command.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from thruster_baselines.detection.residuals.base import SETTLING_TIME, BaseNavigationDetector, take_attitude
+from thruster_baselines.detection.residuals.design import ResidualDesign, observer_design, pade_design
+from thruster_baselines.detection.residuals.generator import Observers, observe, turned_thrust
+from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.configuration import suggestion
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
+
+DesignName: TypeAlias = Literal["pade", "observer", "undelayed"]
+
+SOURCE_MARGIN = 1.3
+"""Of the threshold over the largest residual of healthy flights."""
+
+
+class NormThreshold(BaseNavigationDetector):
+    """Alarms where the residual is as long as the threshold, and names nobody.
+
+    Args:
+        spacecraft: Description, name or path.
+        threshold: Of the length of the residual, m.
+        design: Of the observer, or a name of one: `pade`, the source's with nine states, `observer`, six
+            states and a delay of one period, `undelayed`, six states without. Those with a name take the
+            spacecraft's mean motion and control period, and a nominal delay of one period.
+        settle: How long after the first sample there are no alarms, s.
+        vehicles: How many are watched.
+
+    Attributes:
+        residual: (vehicles, 3), m, of the last sample, in the axes of the design.
+
+    Raises:
+        ValueError: A value that cannot be; the message says which and what would be right.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft | str | Path,
+        threshold: float,
+        *,
+        design: ResidualDesign | DesignName = "pade",
+        settle: float = SETTLING_TIME,
+        vehicles: int = 1,
+    ) -> None:
+        super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
+        self.design = design if isinstance(design, ResidualDesign) else named_design(self.spacecraft, design)
+        self._observers = Observers(self.design, vehicles)
+        kept = self._kept()
+        self.residual: FloatArray = np.zeros((vehicles, 3))
+        self._residuals: FloatArray = np.zeros((vehicles, kept, 3))  # rings, by the number of the sample
+        self._rates: FloatArray = np.zeros((vehicles, kept, self._n))
+        self.reset()
+
+    def _kept(self) -> int:
+        """How many samples an isolator looks back on."""
+        return 1
+
+    def _begin(self, mask: BoolArray) -> None:
+        self._observers.begun[mask] = False
+        self.residual[mask] = 0.0
+
+    def _judge(
+        self,
+        open_rates: FloatArray,
+        position: FloatArray,
+        attitude: FloatArray,
+        rate: FloatArray,
+        valid: BoolArray,
+    ) -> Diagnosis:
+        statistic = np.zeros(self._vehicles)
+        work = partial(
+            _look, *self._observers.arrays, self.effectiveness, open_rates, position, attitude, valid,
+            self._attitude, self.samples, self._period, self.settle, self.threshold, self.residual,
+            self._residuals, self._rates, self.refused, self.detected, self.detection_time, statistic,
+        )  # fmt: skip
+        in_threads(work, self._vehicles)
+        if self.detected.any():
+            self._isolate()
+        return self._answer(statistic)
+
+    def _isolate(self) -> None:
+        """Name a thruster in the vehicles with an alarm, where one can be named."""
+
+
+def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
+    """The design of this name for a spacecraft's mean motion and control period.
+
+    Raises:
+        ValueError: An unknown name.
+
+    >>> named_design(load("orion"), "observer").period
+    5.0
+    """
+    motion, period = spacecraft.mean_motion, spacecraft.control_period
+    if name == "pade":
+        return pade_design(motion, period, delay=period)
+    if name == "observer":
+        return observer_design(motion, period, late=1)
+    if name == "undelayed":
+        return observer_design(motion, period, late=0)
+    raise ValueError(f"design {name!r} is unknown; {suggestion(name, ('pade', 'observer', 'undelayed'))}")
+
+
+def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> float:
+    """The largest statistic of healthy flights, times a margin.
+
+    It says nothing of the false-alarm rate; `calibration.threshold_for_rate` does.
+
+    >>> margin_threshold([[0.0, 2.0], [1.0, 0.5]], margin=1.5)
+    3.0
+    """
+    return margin * float(np.max(np.asarray(statistics, dtype=np.float64)))
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _look(  # type: ignore[no-untyped-def]
+    advance, output, rest, bridge, states, held, begun, effectiveness, open_rates, position, attitude, valid,
+    last_attitude, samples, period, settle, threshold, residual, residuals, rates, refused, detected,
+    detection_time, statistic, first, last,
+):  # fmt: skip
+    kept, n = residuals.shape[1], open_rates.shape[1]
+    for v in range(first, last):
+        y = (position[v, 1], -position[v, 2], -position[v, 0])
+        measured = valid[v]
+        if measured:
+            measured = np.isfinite(y[0] + y[1] + y[2]) and take_attitude(attitude, last_attitude, v)
+            if not measured:
+                refused[v] += 1
+        q = (last_attitude[v, 0], last_attitude[v, 1], last_attitude[v, 2], last_attitude[v, 3])
+        u = turned_thrust(effectiveness[v], open_rates[v], q)
+        r = residual[v]
+        observe(advance, output, rest, bridge, states, held, begun, u, y, measured, v, r)
+        slot = samples[v] % kept
+        for j in range(3):
+            residuals[v, slot, j] = r[j]
+        for i in range(n):
+            rates[v, slot, i] = open_rates[v, i]
+        time = samples[v] * period
+        samples[v] += 1
+        if time < settle:
+            continue
+        statistic[v] = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        if statistic[v] >= threshold and not detected[v]:
+            detected[v] = True
+            detection_time[v] = time
