@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,7 @@ from thruster_envs.physics.fleet import run_shared
 from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
-from thruster_envs.tasks.attitude_flight import fly_whole
+from thruster_envs.tasks.attitude_flight import fly_whole, shares_of_firings
 from thruster_envs.tasks.attitude_pilot import AttitudePilot
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.views.worlds import checked_seed
@@ -76,6 +76,32 @@ def attitude_of(roll_pitch_yaw: ArrayLike, *, degrees: bool = False) -> FloatArr
     return np.asarray(np.where(q[..., :1] < 0.0, -q, q))
 
 
+class Discharges(NamedTuple):
+    """The firings of one craft in a mission, one entry of each array for each.
+
+    Attributes:
+        step: Control period, from 0, at whose start it fired.
+        thruster: Number, from 1.
+        thrust: Share of the nominal impulse that it gave.
+        slug_mass: kg.
+        electrode_width: m.
+        added_resistance: ohm.
+    """
+
+    step: NDArray[np.int64]
+    thruster: NDArray[np.int64]
+    thrust: FloatArray
+    slug_mass: FloatArray
+    electrode_width: FloatArray
+    added_resistance: FloatArray
+
+    def parameters(self, which: Any = slice(None)) -> dict[str, FloatArray]:
+        """The arguments of :func:`~thruster_envs.physics.plasma_pulse.pulse_waveforms`, of some firings."""
+        return {
+            name: getattr(self, name)[which] for name in ("slug_mass", "electrode_width", "added_resistance")
+        }
+
+
 @dataclass(frozen=True, eq=False)
 class Missions:
     """What became of a batch of missions; the first craft is the leader.
@@ -109,10 +135,15 @@ class Missions:
     thrust: FloatArray
     faults: FloatArray
 
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        return self.spacecraft.control_period
+
     @cached_property
     def time(self) -> FloatArray:
         """(steps + 1,), s since the start."""
-        return np.asarray(self.spacecraft.control_period * np.arange(self.attitude.shape[1]), np.float64)
+        return self.period * np.arange(self.attitude.shape[1], dtype=np.float64)
 
     def errors(self) -> FloatArray:
         """(missions, steps + 1, craft, 6): vector part of the true error quaternion; true rate, rad/s."""
@@ -125,7 +156,7 @@ class Missions:
         """(missions, craft, 6), s: from when on each error stays within its tolerance; infinite for never."""
         outside = np.abs(self.errors()) >= _TOLERANCES
         last = outside.shape[1] - 1 - np.argmax(outside[:, ::-1], axis=1)
-        times = np.where(outside.any(axis=1), (last + 1) * self.spacecraft.control_period, 0.0)
+        times = np.where(outside.any(axis=1), (last + 1) * self.period, 0.0)
         return np.asarray(np.where(outside[:, -1], math.inf, times), np.float64)
 
     def final_errors(self) -> FloatArray:
@@ -140,6 +171,23 @@ class Missions:
     def firings(self) -> NDArray[np.int64]:
         """(missions, craft, n): how often each thruster fired."""
         return np.asarray(np.count_nonzero(self.thrust, axis=1))
+
+    def discharges(self, mission: int, craft: int) -> Discharges:
+        """Every firing of one craft (from 0) in the order of time, with what its discharge was.
+
+        The waveforms of some of them, on demand:
+        ``pulse_waveforms(spacecraft.discharge, **discharges.parameters(which))``.
+        """
+        discharge = self.spacecraft.discharge
+        assert discharge is not None  # or it would not have flown
+        step, thruster = np.nonzero(self.thrust[mission, :, craft])
+        capacitors = np.array([one.capacitor for one in self.spacecraft.thrusters])
+        shares = np.empty((step.size, 3))
+        shares_of_firings(self.faults[mission, craft], step, thruster, capacitors, self.period, shares)
+        return Discharges(
+            step, thruster + 1, self.thrust[mission, step, craft, thruster],
+            discharge.slug_mass * shares[:, 0], discharge.electrode_width * shares[:, 1], shares[:, 2],
+        )  # fmt: skip
 
 
 _TOLERANCES = np.array([ATTITUDE_TOLERANCE] * 3 + [RATE_TOLERANCE] * 3)

@@ -10,8 +10,10 @@ import math
 
 import numpy as np
 
+from thruster_envs.faults.record import KINDS
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.plasma_pulse import PulseMap
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.spacecraft.description import Vector
 
@@ -65,7 +67,9 @@ class PulsedFleet(Fleet):
                 f"{spacecraft.name!r} has no discharge; a spacecraft on pulsed plasma thrusters, such as "
                 "'ppt_cubesat', would be right"
             )
-        super().__init__(spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads)
+        super().__init__(
+            spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads, kinds=KINDS
+        )
         pulsed = np.zeros(pulse.PULSED)
         pulsed[pulse.FIRING_TIME] = spacecraft.discharge.firing_time
         pulsed[pulse.GRADIENT] = 3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0
@@ -73,8 +77,12 @@ class PulsedFleet(Fleet):
         pulsed[pulse.SUBSTEPS] = math.ceil(spacecraft.control_period / (max_substep or SUBSTEP))
         pulsed[[pulse.BIAS_OF_LOSS, pulse.BIAS_OF_GAIN]] = fault_bias
         capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        table = PulseMap.of(spacecraft.discharge)
         #: What the kernels read of the vehicle.
-        self.vehicle = pulse.Vehicle(self.thrusters, self.constants, capacitors, pulsed, *self._inertia)
+        self.vehicle = pulse.Vehicle(
+            self.thrusters, self.constants, capacitors, table.logarithms, table.resistance, pulsed,
+            *self._inertia,
+        )  # fmt: skip
 
     def _fly(self, move: bool, first: int, last: int) -> None:
         fly = pulse.fly_singly if self.lanes == 1 else pulse.fly_blocks

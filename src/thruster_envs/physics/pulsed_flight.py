@@ -46,6 +46,7 @@ from thruster_envs.physics.attitude import (
     turn,
 )
 from thruster_envs.physics.flight import draw_words
+from thruster_envs.physics.plasma_pulse import pulse_ratio, pulse_shares, strikes
 from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
 from thruster_envs.random import uniform_pair
 
@@ -61,6 +62,8 @@ class Vehicle(NamedTuple):
         thrusters: (THRUSTER_ROWS, n) and
         constants: (CONSTANTS,), as :mod:`.layout` has them.
         capacitors: (n,), number of the capacitor of each thruster.
+        logarithms: Of the :class:`~.plasma_pulse.PulseMap` of its discharge, and
+        resistance: of the same.
         pulsed: (PULSED,).
         inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
         inverse: Of the inertia, in the same form.
@@ -69,6 +72,8 @@ class Vehicle(NamedTuple):
     thrusters: NDArray[np.float64]
     constants: NDArray[np.float64]
     capacitors: NDArray[np.int64]
+    logarithms: NDArray[np.float64]
+    resistance: float
     pulsed: NDArray[np.float64]
     inertia: tuple[float, ...]
     inverse: tuple[float, ...]
@@ -84,8 +89,8 @@ _FIRES, _STRENGTH, _SHARE, _THRUST, _DELAY, _NOMINAL, _FIRING_GROUPS = range(7)
 # vertical has turned by then; start, end and length of the piece to fly, s of the period; torque, N m, and
 # impulse at its start, N m s, body axes.
 _START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _CLOCK = 0, 1, 2, 3, 4, 5, 6, 9, 12
-#: Groups of n rows of what faults make of thrusters: share of a discharge without and with a command (floor;
-#: floor and slope together), thrust of a discharge, delay in s.
+#: Rows of what faults make of thrusters: share of a discharge that comes about without a command and what a
+#: command adds to it, thrust of a discharge as a share of nominal, delay in s.
 FLOOR, SLOPE, GAIN, DELAY, HEALTH_GROUPS = range(5)
 
 
@@ -106,9 +111,7 @@ def fly_blocks(data, faults, streams, vehicle, fly, first, last):
     sight = np.zeros((SIGHT_ROWS, 32))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, vehicle.thrusters, vehicle.constants, vehicle.capacitors,
-            vehicle.pulsed, vehicle.inertia, vehicle.inverse, fly,
-            words, firings, columns, state, clock, sight,
+            b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight,
         )  # fmt: skip
 
 
@@ -124,17 +127,16 @@ def fly_singly(data, faults, streams, vehicle, fly, first, last):
     sight = np.zeros((SIGHT_ROWS, 1))
     for b in range(first, last):
         _fly_block(
-            b, data, faults, streams, vehicle.thrusters, vehicle.constants, vehicle.capacitors,
-            vehicle.pulsed, vehicle.inertia, vehicle.inverse, fly,
-            words, firings, columns, state, clock, sight,
+            b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight,
         )  # fmt: skip
 
 
 @njit(forceinline=True)
 def _fly_block(
-    b, data, faults, streams, thrusters, constants, capacitors, pulsed, inertia, inverse, fly,
-    words, firings, columns, state, clock, sight,
+    b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight
 ):  # fmt: skip
+    thrusters, constants, pulsed = vehicle.thrusters, vehicle.constants, vehicle.pulsed
+    capacitors, inertia, inverse = vehicle.capacitors, vehicle.inertia, vehicle.inverse
     n, lanes, period = thrusters.shape[1], state.shape[1], constants[at.PERIOD]
     for k in range(_STATE):
         for w in range(lanes):
@@ -154,7 +156,7 @@ def _fly_block(
         for k in range(faults.shape[2]):
             used += 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else 0
         if used > 0:
-            late |= _strike(b, w, faults, capacitors, pulsed, period, firings, columns, clock)
+            late |= _strike(b, w, faults, vehicle, period, firings, columns, clock)
     _fire(b, data, thrusters, pulsed, firings, columns, state)
     if fly:
         _find_vertical(constants, clock)
@@ -207,11 +209,12 @@ def _ask(b, data, thrusters, constants, capacitors, pulsed, words, firings, stat
 
 
 @njit
-def _strike(b, w, faults, capacitors, pulsed, period, firings, columns, clock):
+def _strike(b, w, faults, vehicle, period, firings, columns, clock):
     """Put the faults of a craft into its firings, columns and torque; True if one makes a pulse late."""
-    n, start = capacitors.shape[0], clock[_START, w]
+    capacitors, start = vehicle.capacitors, clock[_START, w]
+    n = capacitors.shape[0]
     health = np.empty((HEALTH_GROUPS, n))
-    pulse_health(faults[b, w], start, capacitors, health)
+    pulse_health(faults[b, w], start, vehicle, health)
     late = False
     for i in range(n):
         left = 1.0  # in the capacitor
@@ -228,7 +231,7 @@ def _strike(b, w, faults, capacitors, pulsed, period, firings, columns, clock):
         fault = faults[b, w, k]
         if firing.is_active(fault, start):
             _tilt(fault, start, w, columns)
-            _bias(fault, pulsed, w, columns, clock)
+            _bias(fault, vehicle.pulsed, w, columns, clock)
     return late
 
 
@@ -388,23 +391,31 @@ def _ahead(vertical, angle):
 
 
 @njit
-def pulse_health(faults, t, capacitors, health):
+def pulse_health(faults, t, vehicle, health):
     """What the faults of a craft make of firings at ``t``, s of the episode.
 
-    ``faults`` (slots, FAULT_WIDTH), ``capacitors`` (n,); ``health`` (HEALTH_GROUPS, n) is filled. Stuck on
-    comes first, then leaking, then blocked or lossy.
+    ``faults`` (slots, FAULT_WIDTH); ``health`` (HEALTH_GROUPS, n) is filled. Stuck on comes first, then
+    leaking, then blocked or lossy.
     """
     health[FLOOR], health[SLOPE], health[GAIN], health[DELAY] = 0.0, 1.0, 1.0, 0.0
+    n = health.shape[1]
+    discharges = False
     for rank in range(3):
         for k in range(faults.shape[0]):
             kind = int(faults[k, code.FIELD_KIND])
             its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
             if its_rank == rank and firing.is_active(faults[k], t):
-                s, own = firing.severity(faults[k], t), int(faults[k, code.FIELD_THRUSTER])
-                for i in range(health.shape[1]):
-                    shares = faults[k, code.FIELD_SHARED] > 0.0 and capacitors[i] == capacitors[own]
-                    if i == own or shares:
+                s = firing.severity(faults[k], t)
+                discharges |= kind >= code.PROPELLANT_LOSS
+                for i in range(n):
+                    if strikes(faults[k], i, vehicle.capacitors):
                         health[FLOOR, i], health[SLOPE, i], health[GAIN, i] = firing.apply_fault(
                             kind, s, health[FLOOR, i], health[SLOPE, i], health[GAIN, i]
                         )
                         health[DELAY, i] += s if kind == code.LATE_OPENING else 0.0
+    if discharges:
+        for i in range(n):
+            mass, width, resistance = pulse_shares(faults, i, vehicle.capacitors, t)
+            health[GAIN, i] *= pulse_ratio(
+                mass, width, resistance, 1.0, vehicle.logarithms, vehicle.resistance
+            )

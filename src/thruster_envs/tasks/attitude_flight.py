@@ -3,6 +3,7 @@
 from numba import njit
 
 from thruster_envs.physics import layout as at
+from thruster_envs.physics.plasma_pulse import pulse_shares
 from thruster_envs.physics.pulsed_flight import FIRING_TIME, fly_blocks, fly_singly
 from thruster_envs.tasks.access import place
 from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
@@ -50,3 +51,15 @@ def _record_motion(data, row, step, attitude, rate):
                 attitude[world, step, c, k] = q[k]
             for k in range(3):
                 rate[world, step, c, k] = w[k]
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def shares_of_firings(faults, step, thruster, capacitors, period, shares):
+    """What faults (slots, fields) made of the discharges at these steps, by these thrusters from 0.
+
+    ``shares`` (firings, 3) is filled as :func:`~thruster_envs.physics.plasma_pulse.pulse_shares` returns it.
+    """
+    for k in range(step.shape[0]):
+        shares[k, 0], shares[k, 1], shares[k, 2] = pulse_shares(
+            faults, thruster[k], capacitors, step[k] * period
+        )
