@@ -155,16 +155,15 @@ class Fleet:
         else:
             kinds, shared = tuple(fault.kind for fault in source), any(fault.shared for fault in source)
         name, discharges = self.spacecraft.name, self.spacecraft.discharge is not None
+        possible = ", ".join(kind for kind in self.kinds if discharges or kind in GENERAL_KINDS)
         for kind in kinds:
             if kind in DISCHARGE_KINDS and not discharges:
                 raise ValueError(
                     f"kind {kind!r} is a fault of a discharge, and {name!r} has none; "
-                    f"one of {', '.join(self.kinds)} would be right"
+                    f"one of {possible} would be right"
                 )
             if kind not in self.kinds:
-                raise ValueError(
-                    f"kind {kind!r} has no meaning here; one of {', '.join(self.kinds)} would be right"
-                )
+                raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
                 f"shared is True, and here no thrusters of {name!r} share a capacitor; "
