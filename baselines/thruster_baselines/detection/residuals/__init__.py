@@ -21,6 +21,7 @@ from thruster_baselines.detection.residuals.norm_threshold import (
     margin_threshold,
     named_design,
 )
+from thruster_baselines.detection.residuals.signature import SignatureDetector
 
 __all__ = [
     "BaseNavigationDetector",
@@ -31,6 +32,7 @@ __all__ = [
     "NormThreshold",
     "ResidualDesign",
     "ResidualGenerator",
+    "SignatureDetector",
     "Watched",
     "assigned_gain",
     "closed_form_gain",

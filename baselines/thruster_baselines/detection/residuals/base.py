@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,10 +21,28 @@ from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["BaseNavigationDetector", "take_attitude"]
+__all__ = ["BaseNavigationDetector", "Sample", "take_attitude"]
 
 SETTLING_TIME = 40.0
 """s after the first sample without alarms: the observers begin at rest, the vehicles do not."""
+
+
+class Sample(NamedTuple):
+    """One sample, as a detector sees it after the checks of its shapes.
+
+    Attributes:
+        open_rates: (vehicles, n), 0..1.
+        position: (vehicles, 3), m, LVLH; may be anything where it is not valid.
+        attitude: (vehicles, 4), body from LVLH; the same.
+        rate: (vehicles, 3), rad/s, body axes; zero if it was not given.
+        valid: (vehicles,), where there is said to be a measurement.
+    """
+
+    open_rates: FloatArray
+    position: FloatArray
+    attitude: FloatArray
+    rate: FloatArray
+    valid: BoolArray
 
 
 class BaseNavigationDetector(ABC):
@@ -144,17 +163,10 @@ class BaseNavigationDetector(ABC):
                 f"open_rates of vehicle {vehicle}, thruster {thruster + 1} is {told[vehicle, thruster]}; "
                 "a number from 0 to 1 would be right"
             )
-        return self._judge(told, place, pointing, turning, there)
+        return self._judge(Sample(told, place, pointing, turning, there))
 
     @abstractmethod
-    def _judge(
-        self,
-        open_rates: FloatArray,
-        position: FloatArray,
-        attitude: FloatArray,
-        rate: FloatArray,
-        valid: BoolArray,
-    ) -> Diagnosis:
+    def _judge(self, sample: Sample) -> Diagnosis:
         """What to say of a checked sample."""
 
     @abstractmethod
@@ -171,11 +183,12 @@ class BaseNavigationDetector(ABC):
         self, statistic: FloatArray, suspicion: FloatArray | None = None, shortfall: FloatArray | None = None
     ) -> Diagnosis:
         shape = (self._vehicles, self._n)
+        time: FloatArray = np.asarray(self._period * (self.samples - 1), np.float64)
         return Diagnosis(
             self.detected.copy(),
             self.thruster.copy(),
             statistic,
-            self._period * (self.samples - 1),
+            time,
             np.zeros(shape) if suspicion is None else suspicion,
             np.zeros(shape) if shortfall is None else shortfall,
         )
@@ -215,7 +228,7 @@ def take_attitude(attitude, last, v):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
-def _first_wrong(open_rates: FloatArray) -> int:
+def _first_wrong(open_rates):  # type: ignore[no-untyped-def]
     """The flat index of the first open rate that is none, or -1."""
     count, n = open_rates.shape
     for v in range(count):

@@ -35,7 +35,7 @@ from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
-from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CorrelationDetector"]
@@ -121,7 +121,7 @@ class CorrelationDetector(NormThreshold):
             self._idle = np.zeros((self._vehicles, self._n), np.bool_)
         self.choice[mask] = self._in_a_row[mask] = 0
 
-    def _isolate(self) -> None:
+    def _isolate(self, statistic: FloatArray) -> Diagnosis:
         work = partial(
             _correlate, self._residuals, self._rates, self.samples, self._period, self.detected,
             self.detection_time, self.window, self.confirmations, self._vote, self._sign,
@@ -129,6 +129,7 @@ class CorrelationDetector(NormThreshold):
             self.choice, self._in_a_row, self.thruster, self.isolation_time,
         )  # fmt: skip
         in_threads(work, self._vehicles)
+        return self._answer(statistic)
 
 
 @njit(error_model="numpy", cache=True, nogil=True)

@@ -125,17 +125,25 @@ class ResidualDesign:
         Returns:
             (samples, 3, 3): residual, m; axis of the residual, axis of the force.
         """
-        from scipy.linalg import expm  # only here: SciPy is slow to import
-
-        size = self.states
-        block = np.zeros((size + 3, size + 3))
-        block[:size, :size], block[:size, size:] = self.motion, self.fault
-        step = expm(block * self.period)
-        state, response = np.zeros((size, 3)), np.empty((samples, 3, 3))
+        transition, entry = _held(self.motion, self.fault, self.period)
+        state, response = np.zeros((self.states, 3)), np.empty((samples, 3, 3))
         for k in range(samples):
             response[k] = state[:3]
-            state = step[:size, :size] @ state + step[:size, size:]
+            state = transition @ state + entry
         return response
+
+    def axis_channel(self) -> tuple[FloatArray, FloatArray]:
+        """How a force over mass on one axis, held over a period, enters the residual of that axis.
+
+        Of the axis against the orbit's normal, which is coupled to no other; the others differ by the orbital
+        coupling, which is nothing over some seconds.
+
+        Returns:
+            (s / 3, s / 3) transition and (s / 3,) entry of a state whose first component is the residual, m.
+        """
+        axis = slice(1, None, 3)
+        transition, entry = _held(self.motion[axis, axis], self.fault[axis, 1:2], self.period)
+        return transition, entry[:, 0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,6 +366,17 @@ def _assignable(dynamics: FloatArray, measurement: FloatArray, eigenvalue: float
     """(p, s): rows that span the left eigenvectors which a gain can give to an eigenvalue (eq. 23)."""
     shifted = eigenvalue * np.eye(dynamics.shape[0]) - dynamics
     return np.asarray(-np.linalg.solve(shifted.T, measurement.T).T, np.float64)
+
+
+def _held(motion: FloatArray, entry: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
+    """Transition and entry over a period for an input that is held constant."""
+    from scipy.linalg import expm  # only here: SciPy is slow to import
+
+    size, inputs = entry.shape
+    block = np.zeros((size + inputs, size + inputs))
+    block[:size, :size], block[:size, size:] = motion, entry
+    step = np.asarray(expm(block * period), np.float64)
+    return step[:size, :size], step[:size, size:]
 
 
 def _discrete(

@@ -23,7 +23,7 @@ from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.physics.attitude import rotate_back
 from thruster_envs.protocols import BoolArray, FloatArray
 
-__all__ = ["Observers", "ResidualGenerator", "observe", "turned_thrust"]
+__all__ = ["Observers", "ResidualGenerator", "observe", "turned_direction", "turned_thrust"]
 
 
 class Observers:
@@ -90,7 +90,7 @@ class ResidualGenerator:
             if values.shape != (count, 3):
                 raise ValueError(f"{name} has the shape {values.shape}; ({count}, 3) would be right")
         residual = np.empty((count, 3))
-        in_threads(partial(_step, *self._observers.arrays, *given, residual), count)
+        in_threads(partial(_step, self._observers.arrays, given[0], given[1], residual), count)
         return residual
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
@@ -116,24 +116,26 @@ def turned_thrust(effectiveness, open_rates, q):  # type: ignore[no-untyped-def]
     return force[1], -force[2], -force[0]
 
 
+@njit(error_model="numpy", inline="always")
+def turned_direction(effectiveness, i, q):  # type: ignore[no-untyped-def]
+    """Force over mass of thruster i, from 0, fully open, in the axes of eq. 29; see `turned_thrust`."""
+    force = rotate_back(q, (effectiveness[0, i], effectiveness[1, i], effectiveness[2, i]))
+    return force[1], -force[2], -force[0]
+
+
 @njit(error_model="numpy")
-def observe(advance, output, rest, bridge, states, held, begun, u, y, measured, v, r):  # type: ignore[no-untyped-def]
+def observe(observers, u, y, measured, v, r):  # type: ignore[no-untyped-def]
     """Residual of vehicle v into r (3,), and its next state.
 
     Args:
-        advance: (s, s + 6).
-        output: (3, s + 6).
-        rest: (s, 6).
-        bridge: (3, 3).
-        states: (vehicles, s).
-        held: (vehicles, late, 3).
-        begun: (vehicles,).
+        observers: `Observers.arrays`.
         u: Command of this sample, m/s^2, a tuple.
         y: Position, m, a tuple; anything where it is not measured.
         measured: Whether there is a position.
         v: Which vehicle.
         r: (3,), written.
     """
+    advance, output, rest, bridge, states, held, begun = observers
     size = states.shape[1]
     late = held.shape[1]
     x = states[v]
@@ -184,10 +186,8 @@ def observe(advance, output, rest, bridge, states, held, begun, u, y, measured, 
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
-def _step(  # type: ignore[no-untyped-def]
-    advance, output, rest, bridge, states, held, begun, command, position, residual, first, last
-):  # fmt: skip
+def _step(observers, command, position, residual, first, last):  # type: ignore[no-untyped-def]
     for v in range(first, last):
         u = (command[v, 0], command[v, 1], command[v, 2])
         y = (position[v, 0], position[v, 1], position[v, 2])
-        observe(advance, output, rest, bridge, states, held, begun, u, y, True, v, residual[v])
+        observe(observers, u, y, True, v, residual[v])

@@ -19,13 +19,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.residuals.base import SETTLING_TIME, BaseNavigationDetector, take_attitude
+from thruster_baselines.detection.residuals.base import (
+    SETTLING_TIME,
+    BaseNavigationDetector,
+    Sample,
+    take_attitude,
+)
 from thruster_baselines.detection.residuals.design import ResidualDesign, observer_design, pade_design
 from thruster_baselines.detection.residuals.generator import Observers, observe, turned_thrust
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import suggestion
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
-from thruster_envs.spacecraft import Spacecraft, load
+from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
 
@@ -80,27 +85,20 @@ class NormThreshold(BaseNavigationDetector):
         self._observers.begun[mask] = False
         self.residual[mask] = 0.0
 
-    def _judge(
-        self,
-        open_rates: FloatArray,
-        position: FloatArray,
-        attitude: FloatArray,
-        rate: FloatArray,
-        valid: BoolArray,
-    ) -> Diagnosis:
+    def _judge(self, sample: Sample) -> Diagnosis:
         statistic = np.zeros(self._vehicles)
         work = partial(
-            _look, *self._observers.arrays, self.effectiveness, open_rates, position, attitude, valid,
-            self._attitude, self.samples, self._period, self.settle, self.threshold, self.residual,
-            self._residuals, self._rates, self.refused, self.detected, self.detection_time, statistic,
+            _look, self._observers.arrays, self.effectiveness, sample.open_rates, sample.position,
+            sample.attitude, sample.valid, self._attitude, self.samples, self._period, self.settle,
+            self.threshold, self.residual, self._residuals, self._rates, self.refused, self.detected,
+            self.detection_time, statistic,
         )  # fmt: skip
         in_threads(work, self._vehicles)
-        if self.detected.any():
-            self._isolate()
-        return self._answer(statistic)
+        return self._isolate(statistic) if self.detected.any() else self._answer(statistic)
 
-    def _isolate(self) -> None:
+    def _isolate(self, statistic: FloatArray) -> Diagnosis:
         """Name a thruster in the vehicles with an alarm, where one can be named."""
+        return self._answer(statistic)
 
 
 def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
@@ -109,6 +107,7 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
     Raises:
         ValueError: An unknown name.
 
+    >>> from thruster_envs.spacecraft import load
     >>> named_design(load("orion"), "observer").period
     5.0
     """
@@ -135,7 +134,7 @@ def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> fl
 
 @njit(error_model="numpy", cache=True, nogil=True)
 def _look(  # type: ignore[no-untyped-def]
-    advance, output, rest, bridge, states, held, begun, effectiveness, open_rates, position, attitude, valid,
+    observers, effectiveness, open_rates, position, attitude, valid,
     last_attitude, samples, period, settle, threshold, residual, residuals, rates, refused, detected,
     detection_time, statistic, first, last,
 ):  # fmt: skip
@@ -150,7 +149,7 @@ def _look(  # type: ignore[no-untyped-def]
         q = (last_attitude[v, 0], last_attitude[v, 1], last_attitude[v, 2], last_attitude[v, 3])
         u = turned_thrust(effectiveness[v], open_rates[v], q)
         r = residual[v]
-        observe(advance, output, rest, bridge, states, held, begun, u, y, measured, v, r)
+        observe(observers, u, y, measured, v, r)
         slot = samples[v] % kept
         for j in range(3):
             residuals[v, slot, j] = r[j]
