@@ -2,7 +2,18 @@
 
 from thruster_agents.dynamic_neurons.back_propagation import dynamic_back_propagation
 from thruster_agents.dynamic_neurons.filtering import recursive_filter
+from thruster_agents.dynamic_neurons.high_level import (
+    HighLevelClassifier,
+    HighLevelSettings,
+    MissionSignals,
+)
+from thruster_agents.dynamic_neurons.integrated import (
+    IntegratedClassifier,
+    MissionReport,
+    ThrusterFinding,
+)
 from thruster_agents.dynamic_neurons.layers import DynamicLayer, DynamicNeuron
+from thruster_agents.dynamic_neurons.low_level import LowLevelClassifier, LowLevelSettings
 from thruster_agents.dynamic_neurons.networks import (
     Architecture,
     DynamicNetwork,
@@ -19,8 +30,16 @@ __all__ = [
     "DynamicNetwork",
     "DynamicNeuron",
     "GRUNetwork",
+    "HighLevelClassifier",
+    "HighLevelSettings",
+    "IntegratedClassifier",
+    "LowLevelClassifier",
+    "LowLevelSettings",
+    "MissionReport",
+    "MissionSignals",
     "SequenceNetwork",
     "StaticNetwork",
+    "ThrusterFinding",
     "TrainingRecord",
     "TrainingSettings",
     "build_network",
