@@ -358,15 +358,15 @@ def _turned(q, rate, h, verticals, torque, strength, inertia, inverse):
     """Attitude and rate after ``h`` seconds of free motion.
 
     ``verticals`` is where the vertical stands at the start, middle and end, in the reference frame. The
-    gravity gradient there is that of the attitude by the rate at the start: it is so small that nothing
-    better is needed.
+    gravity gradient there is that of an attitude to second order.
     """
-    half = exponential(-0.25 * h * rate[0], -0.25 * h * rate[1], -0.25 * h * rate[2])
-    q_m = quaternion_product(half, q)
-    q_1 = quaternion_product(half, q_m)
+    torque_0 = _torque(q, verticals[0], torque, strength, inertia)
+    a = angular_acceleration(rate, torque_0, inertia, inverse)
+    q_m = _roughly_turned(q, rate, a, 0.5 * h)
+    q_1 = _roughly_turned(q, rate, a, h)
     _, middle, end = rate_step(
         rate,
-        _torque(q, verticals[0], torque, strength, inertia),
+        torque_0,
         _torque(q_m, verticals[1], torque, strength, inertia),
         _torque(q_1, verticals[2], torque, strength, inertia),
         inertia,
@@ -374,6 +374,17 @@ def _turned(q, rate, h, verticals, torque, strength, inertia, inverse):
         h,
     )
     return turn(q, rate, middle, end, h), end
+
+
+@njit(forceinline=True)
+def _roughly_turned(q, rate, acceleration, h):
+    """Attitude after ``h`` seconds at the rate that a constant acceleration gives halfway."""
+    twist = exponential(
+        -0.5 * h * (rate[0] + 0.5 * h * acceleration[0]),
+        -0.5 * h * (rate[1] + 0.5 * h * acceleration[1]),
+        -0.5 * h * (rate[2] + 0.5 * h * acceleration[2]),
+    )
+    return quaternion_product(twist, q)
 
 
 @njit(forceinline=True)
