@@ -51,7 +51,7 @@ def test_table_holds_ranges_as_lower_end_and_width():
 def test_table_holds_weights_as_cumulative_shares_that_end_at_one():
     table = FULL.encode()
     np.testing.assert_array_equal(
-        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25, 1, 1, 1, 1, 1, 1, 1, 1]
+        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25, 1, 1, 1, 1, 1, 1, 1, 1, 1]
     )
     np.testing.assert_array_equal(table[layout.PROFILE_CUMULATIVE : layout.NUMBER_OF_CHOICES], [0.5, 1, 1, 1])
 

@@ -103,5 +103,5 @@ def test_more_faults_than_slots_are_refused():
 def test_rows_that_hold_no_fault_are_refused():
     with pytest.raises(ValueError, match=r"shape \(10,\)"):
         decode(np.zeros(10))
-    with pytest.raises(ValueError, match="craft 1, slot 2: kind 11"):
-        decode([[0.0] * 10, [11.0] + [0.0] * 9])
+    with pytest.raises(ValueError, match="craft 1, slot 2: kind 12"):
+        decode([[0.0] * 10, [12.0] + [0.0] * 9])

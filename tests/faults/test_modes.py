@@ -20,6 +20,7 @@ TABLE = [
     ("misalignment", 0.1, "tilted or late"),
     ("late_opening", 3.0, "tilted or late"),
     ("electrode_sediment", 0.15, "tilted or late"),
+    ("slow_opening", 0.3, "tilted or late"),
     ("propellant_loss", 0.99, "weak"),
     ("propellant_loss", 0.98, "slightly weak"),
     ("conductivity_loss", 0.4, "dead"),

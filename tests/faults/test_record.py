@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 
 from tests.faults.strategies import faults
-from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, GENERAL_KINDS, KINDS, PROFILES, Fault, as_faults
+from thruster_envs.faults import (
+    DISCHARGE_KINDS,
+    FULL_SCALE,
+    GENERAL_KINDS,
+    KINDS,
+    MODULATOR_KINDS,
+    PROFILES,
+    Fault,
+    as_faults,
+)
 
 
 def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
@@ -17,7 +26,8 @@ def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
         "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
     )  # fmt: skip
     assert DISCHARGE_KINDS == ("propellant_loss", "electrode_sediment", "conductivity_loss")
-    assert KINDS == GENERAL_KINDS + DISCHARGE_KINDS
+    assert MODULATOR_KINDS == ("slow_opening",)
+    assert KINDS == GENERAL_KINDS + DISCHARGE_KINDS + MODULATOR_KINDS
     assert PROFILES == ("step", "ramp", "sine", "intermittent")
 
 

@@ -1,9 +1,12 @@
 """SPHERES: the pair mixer's matrix, and the catalogue as a whole."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from thruster_envs.spacecraft import catalogue, load
+from thruster_envs.spacecraft.description import EARTH_MU
 
 PAIR_COLUMNS = np.array(  # jets 1 to 6 of the mixer: signs of force x, y, z and torque x, y, z
     [
@@ -81,18 +84,27 @@ def test_every_vehicle_of_the_catalogue_can_push_and_turn_every_way(name):
 @pytest.mark.parametrize("name", catalogue())
 def test_every_value_of_the_catalogue_has_a_provenance(name):
     spacecraft = load(name)
-    missing = []
+    missing, plain = [], dataclasses.replace(spacecraft.sensors, distribution="normal")
+    unused = {"sensors.distribution"} if spacecraft.sensors == plain else set()
     for field, value in spacecraft.to_dict().items():
-        if field in ("name", "provenance") or value is None:
+        if field in ("name", "provenance") or value in (None, False, EARTH_MU):
             continue
         if field == "thrusters":
-            left_out = ("name",) if spacecraft.discharge is not None else ("name", "capacitor")
+            left_out = ["name"]
+            left_out += ["capacitor"] if spacecraft.discharge is None else []
+            left_out += ["time_constant"] if spacecraft.modulator is None else []
             dotted = [f"thrusters.{key}" for key in value[0] if key not in left_out]
         elif isinstance(value, dict):
             dotted = [f"{field}.{key}" for key in value]
         else:
             dotted = [field]
-        missing += [one for one in dotted if one not in spacecraft.provenance]
+        missing += [one for one in dotted if one not in {*spacecraft.provenance, *unused}]
     assert missing == []
     for mark in spacecraft.provenance.values():
-        assert mark.split(":")[0].split(" ")[0] in ("stated", "reconstructed", "external", "assumed")
+        assert mark.split(":")[0].split(" ")[0] in (
+            "stated",
+            "reconstructed",
+            "external",
+            "assumed",
+            "proposed",
+        )

@@ -13,6 +13,7 @@ from thruster_envs.faults.record import (
     FULL_SCALE,
     GENERAL_KINDS,
     KINDS,
+    MODULATOR_KINDS,
     PROFILES,
     Fault,
 )
@@ -24,6 +25,7 @@ __all__ = [
     "GENERAL_KINDS",
     "KINDS",
     "MODES",
+    "MODULATOR_KINDS",
     "PROFILES",
     "Fault",
     "FaultDistribution",

@@ -45,6 +45,7 @@ DEFAULT_SEVERITY: dict[str, Range] = {
     "propellant_loss": (0.9, 0.98),
     "electrode_sediment": (0.15, 0.5),
     "conductivity_loss": (0.009, 0.03),
+    "slow_opening": (0.1, 0.5),
 }
 """Range of the severity of each kind unless the distribution has another: shares, rad, s, ohm."""
 

@@ -37,7 +37,7 @@ MODES: tuple[str, ...] = ("dead", "weak", "slightly weak", "leaking", "stuck ope
 | 2 | slightly weak | conductivity_loss | below 0.0448 ohm |
 | 3 | leaking | leak, stuck_on | below 0.5 |
 | 4 | stuck open | leak, stuck_on | 0.5 and more |
-| 5 | tilted or late | misalignment, late_opening, electrode_sediment | any |
+| 5 | tilted or late | misalignment, late_opening, slow_opening, electrode_sediment | any |
 """
 
 #: Shares of the thrust from which on a thruster counts as weak and as dead, and opening from which on it
@@ -66,7 +66,12 @@ def mode_of(kind: str, severity: float) -> int:
 @njit
 def mode_number(kind: Any, severity: Any) -> int:
     """:func:`mode_of` for a kind by its code."""
-    if kind == code.MISALIGNMENT or kind == code.LATE_OPENING or kind == code.ELECTRODE_SEDIMENT:
+    if (
+        kind == code.MISALIGNMENT
+        or kind == code.LATE_OPENING
+        or kind == code.SLOW_OPENING
+        or kind == code.ELECTRODE_SEDIMENT
+    ):
         return 5
     if kind == code.STUCK_ON or kind == code.LEAK:
         return 4 if severity >= STUCK_FROM else 3

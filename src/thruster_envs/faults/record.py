@@ -3,7 +3,8 @@
 The kinds are those of Yang 2003 (section 4.2: full off, partial, full on, drift); four that the source
 lacks: leak, misalignment, late opening, intermittent; and three of pulsed plasma thrusters, which change the
 discharge and by it the thrust (Valdes 2008, chapter 4: fault cases 1 to 3): propellant loss, electrode
-sediment, conductivity loss. A fault is active from `onset` until `onset + duration`; while it is, its
+sediment, conductivity loss; and one of thrusters whose thrust follows the valve with a lag: slow opening.
+A fault is active from `onset` until `onset + duration`; while it is, its
 severity follows its profile in time.
 
 Left out: faults of sensors, of the propellant feed and of the spacecraft's mass properties.
@@ -19,7 +20,7 @@ from thruster_envs.configuration import coerce_fields, require, suggestion
 
 Kind = Literal[
     "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
-    "propellant_loss", "electrode_sediment", "conductivity_loss",
+    "propellant_loss", "electrode_sediment", "conductivity_loss", "slow_opening",
 ]  # fmt: skip
 Profile = Literal["step", "ramp", "sine", "intermittent"]
 
@@ -29,7 +30,12 @@ KINDS: tuple[str, ...] = get_args(Kind)
 DISCHARGE_KINDS: tuple[str, ...] = ("propellant_loss", "electrode_sediment", "conductivity_loss")
 """The kinds that only a spacecraft with a discharge can have: they change a pulse of its thrusters."""
 
-GENERAL_KINDS: tuple[str, ...] = tuple(kind for kind in KINDS if kind not in DISCHARGE_KINDS)
+MODULATOR_KINDS: tuple[str, ...] = ("slow_opening",)
+"""The kinds that only a spacecraft with a modulator can have."""
+
+GENERAL_KINDS: tuple[str, ...] = tuple(
+    kind for kind in KINDS if kind not in DISCHARGE_KINDS + MODULATOR_KINDS
+)
 """The kinds that any spacecraft can have."""
 
 PROFILES: tuple[str, ...] = get_args(Profile)
@@ -39,6 +45,7 @@ FULL_SCALE: dict[str, float] = dict.fromkeys(KINDS, 1.0) | {
     "misalignment": math.pi / 2,
     "late_opening": 5.0,
     "conductivity_loss": 0.1,
+    "slow_opening": 1.0,
 }
 """Per kind, the severity that counts as one where severities are shown on a common scale: shares, rad, s,
 ohm."""
@@ -71,6 +78,7 @@ class Fault:
             - `propellant_loss`: share of the slug of plasma that is lost; the thrust falls.
             - `electrode_sediment`: share of the electrodes' width that is lost; the thrust rises.
             - `conductivity_loss`: resistance added to the circuit, ohm; the thrust falls.
+            - `slow_opening`: time added to the time constant with which the thrust rises and falls, s.
         severity: As the kind has it; shares lie in 0..1.
         onset: When it begins, s from the start of the episode.
         duration: How long it lasts, s; after that the thruster is sound again.
@@ -158,7 +166,7 @@ def check_severity(kind: str, severity: float) -> None:
     """Raise a `ValueError` unless a fault of this kind can be that severe."""
     if kind == "misalignment":
         right, largest = "an angle from 0 to pi/2 rad", math.pi / 2
-    elif kind == "late_opening":
+    elif kind in ("late_opening", "slow_opening"):
         right, largest = "a finite number of s, zero or more", math.nextafter(math.inf, 0.0)
     elif kind == "conductivity_loss":
         right, largest = f"a resistance from 0 to {LARGEST_RESISTANCE:g} ohm", LARGEST_RESISTANCE

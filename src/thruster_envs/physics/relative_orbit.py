@@ -13,8 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-#: Gravitational parameter of the Earth, m^3/s^2 (IERS 2010).
-EARTH_MU = 3.986004418e14
+from thruster_envs.spacecraft.description import EARTH_MU
 
 
 def orbit_radius(mean_motion: float, mu: float = EARTH_MU) -> float:

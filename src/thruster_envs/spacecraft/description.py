@@ -4,12 +4,14 @@ Modelled: a rigid body of constant inertia about a fixed centre of mass; thruste
 thrust with a shortest useful pulse, valve delays, rise and fall times and a firing-to-firing scatter; the
 thrust that simultaneous firings cost each other through a shared feed (Yang 2003, section 2.3: about 6 %
 for each further open thruster); the electrical circuit of pulsed plasma thrusters, and which of them share a
-capacitor (Valdes 2008, chapter 3); white measurement errors, equal on the three axes. What flies and what
-the flight software believes are two values of this type.
+capacitor (Valdes 2008, chapter 3); electronics that open a valve some time after the command (Fonod et al.
+2013, section 4), isolation valves and a spare set of thrusters; white measurement errors, equal on the three
+axes. What flies and what the flight software believes are two values of this type.
 
 Left out: the motion of the centre of mass as propellant is used, flexible parts, plume impingement,
-reaction wheels, sensor biases. Faults are not a property of the description: they are data of their own, in
-`thruster_envs.faults`.
+reaction wheels, sensor biases; a shared feed or valves with linear ramps together with a modulator, and
+isolation valves or thrust with a lag without one. Faults are not a property of the description: they are
+data of their own, in `thruster_envs.faults`.
 
 All lengths, forces and rates are in SI units and in body axes, with the centre of mass as origin.
 """
@@ -20,7 +22,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
 
 Vector = tuple[float, float, float]
+
+EARTH_MU = 3.986004418e14
+"""Gravitational parameter of the Earth, m^3/s^2 (IERS 2010)."""
 
 SLACK_FACTOR = 20.0
 """How much dearer it is to miss all of an axis's authority than to fire all thrusters for a whole period."""
@@ -51,6 +56,8 @@ class Thruster:
         scatter: Half-width of the uniform scatter of the thrust from one firing to the next, as a share of
             `thrust`.
         specific_impulse: Thrust over weight flow, s; infinite means that firing uses up no mass.
+        time_constant: Of the first-order lag with which the thrust follows the valve of a thruster behind a
+            modulator, s.
         capacitor: Number, from 1, of the capacitor that a pulsed plasma thruster discharges; thrusters with
             the same one never fire together. 0 for a thruster without one.
     """
@@ -66,6 +73,7 @@ class Thruster:
     fall_time: float = 0.0
     scatter: float = 0.0
     specific_impulse: float = math.inf
+    time_constant: float = 0.0
     capacitor: int = 0
 
     def __post_init__(self) -> None:
@@ -97,7 +105,9 @@ class Thruster:
             self.thrust,
             "a positive number of N",
         )
-        for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
+        for name in (
+            "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "time_constant",
+        ):  # fmt: skip
             value = getattr(self, name)
             require(
                 math.isfinite(value) and value >= 0.0,
@@ -143,6 +153,50 @@ class Feed:
             "feed: propellant_mass",
             self.propellant_mass,
             "zero or more kg, or inf",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulator:
+    """The electronics between commands and valves: one pulse per control period, some time later.
+
+    The pulse that is commanded at time `t` begins at `t + delay + variation sin(2 pi t / variation_period +
+    phase) + e`: the phase is drawn once an episode, `e` for each thruster and pulse, uniformly within
+    `jitter`. So it may lie in a later period. Pulses that overlap are one.
+
+    Attributes:
+        delay: Nominal, s.
+        variation: Amplitude of what varies alike for all thrusters, s.
+        variation_period: Period of that, s.
+        jitter: Half-width of what varies from pulse to pulse, s.
+    """
+
+    delay: float = 0.0
+    variation: float = 0.0
+    variation_period: float = 1.0
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+        for name in ("delay", "variation", "jitter"):
+            value = getattr(self, name)
+            require(
+                math.isfinite(value) and value >= 0.0,
+                f"modulator: {name}",
+                value,
+                "a finite number of s, zero or more",
+            )
+        require(
+            0.0 < self.variation_period < math.inf,
+            "modulator: variation_period",
+            self.variation_period,
+            "a positive number of s",
+        )
+        require(
+            self.variation + self.jitter <= self.delay,
+            "modulator: variation and jitter together",
+            self.variation + self.jitter,
+            f"at most the delay, {self.delay!r} s,",
         )
 
 
@@ -231,6 +285,7 @@ class Sensors:
     """One standard deviation, per axis, of the white errors of relative navigation.
 
     Attributes:
+        distribution: Of the errors: "normal", or "uniform", which then reach sqrt(3) standard deviations.
         position: m.
         velocity: m/s.
         attitude: rad.
@@ -241,6 +296,7 @@ class Sensors:
     velocity: float = 0.0
     attitude: float = 0.0
     rate: float = 0.0
+    distribution: Literal["normal", "uniform"] = "normal"
 
     def __post_init__(self) -> None:
         coerce_fields(self)
@@ -269,6 +325,13 @@ class Spacecraft:
         sensors: Errors of the relative navigation.
         control_period: Time between two commands, s.
         mean_motion: Of the circular orbit about which it flies, rad/s.
+        gravitational_parameter: Of the planet below, m^3/s^2; the Earth's unless given.
+        modulator: The electronics that put off its pulses; None where valves follow the command by
+            themselves.
+        isolation_valves: Whether there is a second valve before each thruster that can be closed to stop its
+            flow, whatever is wrong with it.
+        spare_branch: Whether there is a second set of thrusters like the first, unused until it takes over
+            as a whole.
         discharge: The circuit of its thrusters, all of which are then pulsed plasma thrusters with a
             capacitor; None where no thruster is one.
         provenance: Where values come from: dotted field name to "stated", "reconstructed: why" or
@@ -286,6 +349,10 @@ class Spacecraft:
     sensors: Sensors = field(default_factory=Sensors)
     control_period: float = 5.0
     mean_motion: float = 0.0011
+    gravitational_parameter: float = EARTH_MU
+    modulator: Modulator | None = None
+    isolation_valves: bool = False
+    spare_branch: bool = False
     discharge: Discharge | None = None
     provenance: Mapping[str, str] = field(default_factory=dict, hash=False)
 
@@ -324,7 +391,50 @@ class Spacecraft:
             self.mean_motion,
             "a positive number of rad/s",
         )
+        require(
+            0.0 < self.gravitational_parameter < math.inf,
+            "gravitational_parameter",
+            self.gravitational_parameter,
+            "a positive number of m^3/s^2",
+        )
+        self._check_modulator()
         self._check_discharge()
+
+    def _check_modulator(self) -> None:
+        if self.modulator is None:
+            require(
+                not self.isolation_valves,
+                "isolation_valves",
+                self.isolation_valves,
+                "False, or a modulator beside it (one without delay at the least),",
+            )
+            for thruster in self.thrusters:
+                require(
+                    thruster.time_constant == 0.0,
+                    f"thruster {thruster.name!r}: time_constant",
+                    thruster.time_constant,
+                    "0 s where there is no modulator",
+                )
+            return
+        varies, period = self.modulator.variation + self.modulator.jitter, self.control_period
+        require(
+            2.0 * varies <= period,
+            "modulator: variation and jitter together",
+            varies,
+            f"at most half the control_period, {0.5 * period!r} s, so that pulses keep their order,",
+        )
+        require(
+            self.feed.coupling == 0.0, "feed: coupling", self.feed.coupling, "0 where there is a modulator"
+        )
+        require(self.discharge is None, "discharge", self.discharge, "None where there is a modulator")
+        for thruster in self.thrusters:
+            for name in ("rise_time", "fall_time"):
+                require(
+                    getattr(thruster, name) == 0.0,
+                    f"thruster {thruster.name!r}: {name}",
+                    getattr(thruster, name),
+                    "0 s behind a modulator, and a time_constant instead,",
+                )
 
     def _check_discharge(self) -> None:
         for thruster in self.thrusters:

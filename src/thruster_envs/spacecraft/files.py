@@ -1,9 +1,9 @@
 """Spacecraft as TOML files: the catalogue that comes with the package, and a user's own.
 
-A file has the fields of `Spacecraft` as its keys, `[feed]`, `[sensors]`, `[discharge]` (where there is one)
-and `[provenance]` as tables, and one `[[thrusters]]` table for each thruster. What all thrusters share may
-stand once, in `[thruster_defaults]`; a thruster's own value goes before it. A file that is saved and loaded
-again gives an equal spacecraft, to the last bit.
+A file has the fields of `Spacecraft` as its keys, `[feed]`, `[sensors]`, `[modulator]` and `[discharge]`
+(where there is one) and `[provenance]` as tables, and one `[[thrusters]]` table for each thruster. What all
+thrusters share may stand once, in `[thruster_defaults]`; a thruster's own value goes before it. A file that
+is saved and loaded again gives an equal spacecraft, to the last bit.
 
 Left out: comments are not kept when a file is loaded and saved; other formats.
 """
@@ -21,7 +21,7 @@ from typing import Any
 from thruster_envs.configuration import suggestion
 from thruster_envs.spacecraft.description import Spacecraft
 
-_TABLES = ("feed", "sensors", "discharge", "provenance")
+_TABLES = ("feed", "sensors", "modulator", "discharge", "provenance")
 
 
 def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacecraft:
@@ -133,7 +133,7 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, int):
-        return repr(value)
+        return repr(value).lower()  # true and false are whole numbers too
     return repr(float(value))  # the shortest text that reads back as the same number; "inf" is TOML too
 
 

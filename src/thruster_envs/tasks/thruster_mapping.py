@@ -131,13 +131,14 @@ class ThrusterMapping(Task):
         """The vehicle without feed coupling, scatter, minimum pulses, valve delays and depletion."""
         imperfections = (
             "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "scatter",
+            "time_constant",
         )  # fmt: skip
         plain: dict[str, Any] = dict.fromkeys(imperfections, 0.0)
         thrusters = tuple(
             dataclasses.replace(thruster, **plain, specific_impulse=np.inf)
             for thruster in self.vehicle.thrusters
         )
-        return self.vehicle.replace(thrusters=thrusters, feed=Feed())
+        return self.vehicle.replace(thrusters=thrusters, feed=Feed(), modulator=None, isolation_valves=False)
 
     def create(self, worlds: int, threads: int | None) -> MappingState:
         """Arrays for that many worlds."""
