@@ -29,7 +29,7 @@ from thruster_envs.faults import FaultDistribution, as_faults
 from thruster_envs.faults.encoding import FAULT_FIELDS
 from thruster_envs.physics.attitude import conjugate, quaternion_product
 from thruster_envs.physics.fleet import run_shared
-from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet
+from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, discharge_of
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.attitude_flight import fly_whole, shares_of_firings
@@ -178,8 +178,7 @@ class Missions:
         The waveforms of some of them, on demand:
         ``pulse_waveforms(spacecraft.discharge, **discharges.parameters(which))``.
         """
-        discharge = self.spacecraft.discharge
-        assert discharge is not None  # or it would not have flown
+        discharge = discharge_of(self.spacecraft)
         step, thruster = np.nonzero(self.thrust[mission, :, craft])
         capacitors = np.array([one.capacitor for one in self.spacecraft.thrusters])
         shares = np.empty((step.size, 3))
@@ -233,6 +232,7 @@ def fly_missions(
         ValueError: Numbers of missions that do not agree, or what the physics refuses.
     """
     vehicle = load(spacecraft)
+    discharge_of(vehicle)
     check_whole("craft", craft, 2, 2**20)
     check_whole("steps", steps, 1, 2**31)
     if not noise:

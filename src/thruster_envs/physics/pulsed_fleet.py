@@ -14,7 +14,7 @@ from thruster_envs.faults.record import KINDS
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.plasma_pulse import PulseMap
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Discharge, Spacecraft
 from thruster_envs.spacecraft.description import Vector
 
 #: N m, body axes: what the imbalance of the pulses of a healthy craft in Valdes 2008, Table 5.VII, asks for.
@@ -62,22 +62,18 @@ class PulsedFleet(Fleet):
         max_substep: float | None = None,
         threads: int | None = None,
     ) -> None:
-        if spacecraft.discharge is None:
-            raise ValueError(
-                f"{spacecraft.name!r} has no discharge; a spacecraft on pulsed plasma thrusters, such as "
-                "'ppt_cubesat', would be right"
-            )
+        discharge = discharge_of(spacecraft)
         super().__init__(
             spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads, kinds=KINDS
         )
         pulsed = np.zeros(pulse.PULSED)
-        pulsed[pulse.FIRING_TIME] = spacecraft.discharge.firing_time
+        pulsed[pulse.FIRING_TIME] = discharge.firing_time
         pulsed[pulse.GRADIENT] = 3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0
         pulsed[pulse.BIAS : pulse.BIAS + 3] = bias_torque
         pulsed[pulse.SUBSTEPS] = math.ceil(spacecraft.control_period / (max_substep or SUBSTEP))
         pulsed[[pulse.BIAS_OF_LOSS, pulse.BIAS_OF_GAIN]] = fault_bias
         capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
-        table = PulseMap.of(spacecraft.discharge)
+        table = PulseMap.of(discharge)
         #: What the kernels read of the vehicle.
         self.vehicle = pulse.Vehicle(
             self.thrusters, self.constants, capacitors, table.logarithms, table.resistance, pulsed,
@@ -87,3 +83,17 @@ class PulsedFleet(Fleet):
     def _fly(self, move: bool, first: int, last: int) -> None:
         fly = pulse.fly_singly if self.lanes == 1 else pulse.fly_blocks
         fly(self.data, self.faults, self.streams, self.vehicle, move, first, last)
+
+
+def discharge_of(spacecraft: Spacecraft) -> Discharge:
+    """The discharge of a spacecraft on pulsed plasma thrusters.
+
+    Raises:
+        ValueError: It has none.
+    """
+    if spacecraft.discharge is None:
+        raise ValueError(
+            f"{spacecraft.name!r} has no discharge; a spacecraft on pulsed plasma thrusters, such as "
+            "'ppt_cubesat', would be right"
+        )
+    return spacecraft.discharge
