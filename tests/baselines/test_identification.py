@@ -142,3 +142,45 @@ def test_a_thruster_that_does_not_exist_is_refused():
             ModelComparison(ORION)(detector.last, wrong)
         with pytest.raises(ValueError, match="1 numbers from 0 to 12"):
             least_squares_severity(detector.last, wrong)
+
+
+@pytest.mark.parametrize("side", range(8))
+@pytest.mark.parametrize("angle", [0.2, 0.5])
+def test_without_noise_a_tilted_thrust_is_told_by_its_angle(angle, side):
+    """Thrust of the same size in another direction: less along, the rest across, with its torque."""
+    comparison = ModelComparison(ORION, tilts=(0.2, 0.5))
+    kinds = [model for model in comparison.models if model[0] == "misalignment"]
+    assert kinds == [("misalignment", 0.2)] * 8 + [("misalignment", 0.5)] * 8
+    for thruster in range(12):
+        one = ORION.thrusters[thruster]
+        along, turn = np.array(one.direction), 2.0 * np.pi * side / 8.0
+        across = np.cross(along, np.roll(along, 1))  # Orion's thrusters point along axes
+        direction = np.cos(angle) * along + np.sin(angle) * (
+            np.cos(turn) * across + np.sin(turn) * np.cross(along, across)
+        )
+        force = one.thrust * direction
+        torque = np.linalg.solve(np.array(ORION.inertia), np.cross(one.position, force))
+        u = np.random.default_rng(thruster).uniform(0.5, 3.0, 12)
+        delivered = delivered_on_times(u, ORION.feed.coupling)
+        tilted = NOMINAL.copy()
+        tilted[:, thruster] = np.concatenate([force / ORION.mass, torque])
+        detector = GLRDetector(ORION)
+        detector.update(u, tilted @ delivered, 5.0)
+        answer = comparison(detector.last, [thruster + 1])
+        assert answer.kind == ("misalignment",)
+        assert answer.severity.tolist() == [angle]
+        assert answer.statistic.min() == pytest.approx(0.0, abs=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"tilts": (0.0,)}, "tilts has 0.0; an angle above 0 and at most pi/2 rad would be right"),
+        ({"tilts": (2.0,)}, "tilts has 2.0"),
+        ({"tilts": (0.2,), "sides": 0}, "sides is 0; one or more would be right"),
+        ({"spacecraft": 12, "tilts": (0.2,)}, "spacecraft is 12; with tilts a spacecraft would be right"),
+    ],
+)
+def test_tilts_that_cannot_be_are_refused_in_one_line(given, line):
+    with pytest.raises(ValueError, match=line):
+        ModelComparison(**({"spacecraft": ORION} | given))

@@ -12,6 +12,7 @@ from thruster_baselines.detection.calibration import (
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
 from thruster_baselines.detection.confusion import MEASURES, Confusion
 from thruster_baselines.detection.cusum import CUSUMDetector
+from thruster_baselines.detection.environment_flights import EnvironmentFlights, ObservedFiring
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
 from thruster_baselines.detection.evaluate import (
     CurvePoint,
@@ -31,6 +32,7 @@ from thruster_baselines.detection.identification import (
     Severity,
     least_squares_severity,
 )
+from thruster_baselines.detection.player import DetectorPlayer
 from thruster_baselines.detection.response import ResponseTest, threshold_for
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -41,6 +43,8 @@ __all__ = [
     "Calibration",
     "Confusion",
     "CurvePoint",
+    "DetectorPlayer",
+    "EnvironmentFlights",
     "EstimatorThreshold",
     "Evaluation",
     "FilterBank",
@@ -53,6 +57,7 @@ __all__ = [
     "Identifier",
     "Interval",
     "ModelComparison",
+    "ObservedFiring",
     "RandomFlights",
     "Rate",
     "ResponseTest",

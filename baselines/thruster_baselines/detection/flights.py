@@ -152,12 +152,9 @@ class RandomFlights:
             share[flight] = 1.0 + scatter * rng.uniform(-1.0, 1.0, told.shape)
             errors[flight] = rng.normal(size=errors.shape[1:])
             badness[flight] = rng.random(badness.shape[1:])
-        rows = np.zeros((count, 1, 1, len(code.FAULT_FIELDS)))
-        if faulty:
-            one_each = dataclasses.replace(self.faults, probability=1.0, count=(1, 1))
-            _draw(rows, one_each.encode(n), n, np.array(seeds, dtype=np.uint64))
+        rows = faults_of(self.faults, n, seeds, faulty)
         delivered = np.empty_like(on_times)
-        _deliver(on_times, rows[:, 0, 0], self.duration, craft.feed.coupling, delivered)
+        _deliver(on_times, rows, self.duration, craft.feed.coupling, delivered)
         sensors = np.repeat([craft.sensors.velocity, craft.sensors.rate], 3)
         rate_change = (share * delivered) @ craft.effectiveness().T + sensors * np.diff(errors, axis=1)
         valid, age = self._spoil(rate_change, badness)
@@ -166,12 +163,7 @@ class RandomFlights:
             rate_change=rate_change,
             valid=valid,
             duration=self.duration,
-            thruster=rows[:, 0, 0, code.FIELD_THRUSTER].astype(np.int64) + 1
-            if faulty
-            else np.zeros(count, np.int64),
-            kind=tuple(KINDS[int(one) - 1] if one > 0 else "none" for one in rows[:, 0, 0, code.FIELD_KIND]),
-            severity=rows[:, 0, 0, code.FIELD_SEVERITY].copy(),
-            onset=rows[:, 0, 0, code.FIELD_ONSET].copy() if faulty else np.full(count, np.inf),
+            **truth_of(rows),
             age=age,
         )
 
@@ -184,6 +176,30 @@ class RandomFlights:
         rate_change[spoilt] = np.nan
         rate_change[far] += 1e3 * self.spacecraft.authority(self.duration)
         return ~missing, np.where(late, self.duration, 0.0)
+
+
+def one_fault_each(faults: FaultDistribution) -> FaultDistribution:
+    """The same distribution, of which every world draws exactly one fault."""
+    return dataclasses.replace(faults, probability=1.0, count=(1, 1))
+
+
+def faults_of(faults: FaultDistribution, thrusters: int, seeds: Sequence[int], faulty: bool) -> FloatArray:
+    """(flights, 9): the one fault that a world draws from each seed; all zeros for none."""
+    rows = np.zeros((len(seeds), 1, 1, len(code.FAULT_FIELDS)))
+    if faulty:
+        _draw(rows, one_fault_each(faults).encode(thrusters), thrusters, np.array(seeds, dtype=np.uint64))
+    return rows[:, 0, 0]
+
+
+def truth_of(rows: FloatArray) -> dict[str, Any]:
+    """What `Flights` says of the faults (flights, 9), by the names of its fields."""
+    faulty = rows[:, code.FIELD_KIND] > 0.0
+    return {
+        "thruster": np.where(faulty, rows[:, code.FIELD_THRUSTER].astype(np.int64) + 1, 0),
+        "kind": tuple(KINDS[int(one) - 1] if one > 0 else "none" for one in rows[:, code.FIELD_KIND]),
+        "severity": rows[:, code.FIELD_SEVERITY].copy(),
+        "onset": np.where(faulty, rows[:, code.FIELD_ONSET], np.inf),
+    }
 
 
 @njit(cache=True)

@@ -10,7 +10,9 @@ on-time u_i in an interval of length T:
 - loss: it gives a share d of its thrust, for each of a few levels d;
 - leak: it lets a share of full thrust through while it is shut, for each of a few levels;
 - stuck on: it fires for all of T. The source takes the longest on-time that may be commanded, 5 s, even where
-  the interval is 1 s (Yang 2003, section 6.4.4); an interval cannot hold more than its own length.
+  the interval is 1 s (Yang 2003, section 6.4.4); an interval cannot hold more than its own length;
+- misalignment, beyond the source and only if asked for: its thrust is tilted by one of a few angles, to one
+  of a few sides.
 
 What cannot be told from no fault in this interval, a loss of a thruster that was not fired, a leak of one
 that fired all the time, is left out, with an infinite statistic. With a dead valve the others get more from
@@ -19,12 +21,15 @@ the shared feed, and with one stuck open less; both are in the prediction.
 Least squares beside it puts no levels on the size: the share that fits the residual best, with its standard
 deviation as far as Y is the covariance of the residual, cut to what is possible.
 
-Left out: faults that turn a thrust or come late, which none of the models fits; look at `statistic` then.
+Left out: faults that come late, or that turn a thrust where no `tilts` are asked for, which none of the
+models fits; look at `statistic` then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,8 +52,8 @@ class Identification:
     Attributes:
         kind: (vehicles,). `none`, or a kind of `thruster_envs.faults.KINDS`; `none` also where no thruster
             was named or nothing was measured.
-        severity: (vehicles,). Of the best model, as `thruster_envs.faults.Fault` has it: the share lost, or
-            the opening of a closed valve; 0 for `none`.
+        severity: (vehicles,). Of the best model, as `thruster_envs.faults.Fault` has it: the share lost, the
+            opening of a closed valve, or the angle in rad; 0 for `none`.
         statistic: (vehicles, models). Of each model in the order of `ModelComparison.models`; infinite where
             it cannot be told from no fault; zeros where there was nothing to compare.
     """
@@ -85,9 +90,12 @@ class ModelComparison:
         openings: Openings of the leak models, each above 0 and below 1.
         coupling: Share of thrust lost per further thruster open, or a loss curve; by default that of the
             spacecraft.
+        tilts: Angles of the models of misalignment, rad, above 0 and at most pi/2; none by default. They need
+            a spacecraft.
+        sides: To how many sides a thrust is tilted, in models of their own.
 
     Attributes:
-        models: (kind, severity) of each model, in order.
+        models: (kind, severity) of each model, in order; those of a tilt once for each side.
 
     Raises:
         ValueError: A level that cannot be.
@@ -108,12 +116,23 @@ class ModelComparison:
         losses: Sequence[float] = (0.2, 0.4, 0.6, 0.8),
         openings: Sequence[float] = (0.2, 0.4, 0.6, 0.8),
         coupling: Coupling | None = None,
+        tilts: Sequence[float] = (),
+        sides: int = 8,
     ) -> None:
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
+        for angle in tilts:
+            if not 0.0 < angle <= math.pi / 2:
+                raise ValueError(f"tilts has {angle}; an angle above 0 and at most pi/2 rad would be right")
+        if sides < 1:
+            raise ValueError(f"sides is {sides}; one or more would be right")
+        turned: list[FloatArray] = []
         if isinstance(spacecraft, Spacecraft):
             coupling = spacecraft.feed.coupling if coupling is None else coupling
+            turned = [one for angle in tilts for one in _turned(spacecraft, angle, sides)]
             spacecraft = spacecraft.number_of_thrusters
+        elif tilts:
+            raise ValueError(f"spacecraft is {spacecraft}; with tilts a spacecraft would be right")
         self._shares = thrust_shares(0.0 if coupling is None else coupling, spacecraft)
         for name, levels in (("losses", losses), ("openings", openings)):
             for level in levels:
@@ -123,10 +142,12 @@ class ModelComparison:
             ("none", 0.0), ("stuck_off", 1.0), ("stuck_on", 1.0),
             *(("loss", float(level)) for level in losses),
             *(("leak", float(level)) for level in openings),
+            *(("misalignment", float(angle)) for angle in tilts for _ in range(sides)),
         )  # fmt: skip
-        codes = {"none": 0, "stuck_off": 1, "stuck_on": 2, "loss": 3, "leak": 4}
+        codes = {"none": 0, "stuck_off": 1, "stuck_on": 2, "loss": 3, "leak": 4, "misalignment": 5}
         self._codes = np.array([codes[kind] for kind, _ in self.models])
         self._levels = np.array([level for _, level in self.models])
+        self._turned = np.array(turned) if turned else np.empty((0, 0, 0))
 
     def __call__(self, interval: Interval, thruster: ArrayLike) -> Identification:
         """Compare the models in one interval.
@@ -145,7 +166,7 @@ class ModelComparison:
         _compare(
             interval.rate_change, interval.commanded, interval.effectiveness, interval.covariance,
             interval.valid & (named > 0), named - 1, interval.duration, self._shares, self._codes,
-            self._levels, statistic, best,
+            self._levels, self._turned, statistic, best,
         )  # fmt: skip
         return Identification(tuple(self.models[one][0] for one in best), self._levels[best], statistic)
 
@@ -182,6 +203,23 @@ def least_squares_severity(interval: Interval, thruster: ArrayLike) -> Severity:
     return Severity(*sizes)
 
 
+def _turned(spacecraft: Spacecraft, angle: float, sides: int) -> Iterator[FloatArray]:
+    """(6, n) for each side: by how much the effectiveness of each thruster changes if it is tilted there."""
+    nominal = spacecraft.effectiveness()
+    for side in range(sides):
+        turn = 2.0 * math.pi * side / sides
+        thrusters = []
+        for thruster in spacecraft.thrusters:
+            along = np.array(thruster.direction)
+            across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+            across /= np.linalg.norm(across)
+            tilted = math.cos(angle) * along + math.sin(angle) * (
+                math.cos(turn) * across + math.sin(turn) * np.cross(along, across)
+            )
+            thrusters.append(dataclasses.replace(thruster, direction=tuple(tilted.tolist())))
+        yield spacecraft.replace(thrusters=thrusters).effectiveness() - nominal
+
+
 def _named(interval: Interval, thruster: ArrayLike) -> IntArray:
     named = np.asarray(thruster, dtype=np.int64)
     count, n = interval.on_times.shape
@@ -202,14 +240,16 @@ def _compare(
     shares: FloatArray,
     codes: IntArray,
     levels: FloatArray,
+    turned: FloatArray,
     statistic: FloatArray,
     best: IntArray,
 ) -> None:
     m, n = effectiveness.shape[1:]
+    first_turned = codes.size - turned.shape[0]
     order = np.empty(n, np.int64)
     delivered = np.empty((3, n))  # as told, shut, open all the time
-    rest, root, e = np.empty(m), np.empty((m, m)), np.empty(m)
-    a, none = np.empty((m, 0)), np.empty((m, 0))
+    left, rest, white = np.empty((m, 3)), np.empty((m, codes.size)), np.empty((m, codes.size))
+    root, e = np.empty((m, m)), np.empty(m)
     for v in range(measured.shape[0]):
         if not there[v]:
             continue
@@ -221,28 +261,34 @@ def _compare(
         convert(told, shares, order, True, delivered[1])
         told[i] = duration
         convert(told, shares, order, True, delivered[2])
+        for k in range(m):
+            for way in range(3):
+                left[k, way] = measured[v, k]
+                for j in range(n):
+                    left[k, way] -= effectiveness[v, k, j] * delivered[way, j]
         for model in range(codes.size):
             code, level = codes[model], levels[model]
-            if (code in (1, 3) and own == 0.0) or (code in (2, 4) and own >= duration):
+            for k in range(m):
+                rest[k, model] = left[k, 0]
+                if code == 1:
+                    rest[k, model] = left[k, 1]
+                elif code == 2:
+                    rest[k, model] = left[k, 2]
+                elif code == 3:
+                    rest[k, model] += effectiveness[v, k, i] * level * delivered[0, i]
+                elif code == 4:
+                    rest[k, model] += level * (left[k, 2] - left[k, 0])
+                elif code == 5:
+                    rest[k, model] -= turned[model - first_turned, k, i] * delivered[0, i]
+        whiten(covariance[v], left[:, 0], rest, root, e, white)
+        for model in range(codes.size):
+            code = codes[model]
+            if (code in (1, 3, 5) and own == 0.0) or (code in (2, 4) and own >= duration):
                 statistic[v, model] = np.inf
                 continue
-            for k in range(m):
-                rest[k] = measured[v, k]
-                for j in range(n):
-                    seconds = delivered[0, j]
-                    if code == 1:
-                        seconds = delivered[1, j]
-                    elif code == 2:
-                        seconds = delivered[2, j]
-                    elif code == 3 and j == i:
-                        seconds *= 1.0 - level
-                    elif code == 4:
-                        seconds += level * (delivered[2, j] - delivered[0, j])
-                    rest[k] -= effectiveness[v, k, j] * seconds
-            whiten(covariance[v], rest, none, root, e, a)
             total = 0.0
             for k in range(m):
-                total += e[k] * e[k]
+                total += white[k, model] * white[k, model]
             statistic[v, model] = total
             if total < statistic[v, best[v]]:
                 best[v] = model

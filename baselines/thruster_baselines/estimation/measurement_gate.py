@@ -219,6 +219,7 @@ class MeasurementGate:
         self._before, self._pending, self.last_refusal = state, self._pending[closed:], ""
         return interval
 
-    def _refuse(self, reason: int, line: str) -> None:
+    def _refuse(self, reason: int, line: str) -> MeasuredInterval | None:
         self.refused[REFUSALS[reason]] += 1
         self.last_refusal = line
+        return None

@@ -1,0 +1,165 @@
+"""Flights of an environment, for the yardstick of detectors: a craft under a pilot, in all six axes.
+
+Where `RandomFlights` fires at random, here the commands are those of somebody who flies: of the scripted
+pilot of `FaultDiagnosis-v0`, of a policy, of a user's pilot. So the craft turns, is pulled by the orbit's
+tide, has valve delays and shortest pulses, and a fault changes what is commanded after it. What a detector
+gets stands in the observation: the duties of the last period and the rate change that was measured in it.
+
+Left out: environments in which several craft fail. What is measured after a flight is lost counts as missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from thruster_baselines.detection.flights import Flights, faults_of, one_fault_each, truth_of
+from thruster_envs.faults import FaultDistribution
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft, load
+
+__all__ = ["EnvironmentFlights", "ObservedFiring", "Policy"]
+
+Policy: TypeAlias = Callable[[NDArray[np.float32]], Any]
+"""Actions (worlds, ...) from observations (worlds, size)."""
+
+
+class ObservedFiring:
+    """Reads what was fired, and what it gave, from the observations of an environment.
+
+    Args:
+        environment: A Gymnasium or vector environment of this suite.
+
+    Attributes:
+        spacecraft: That flies there.
+        duration: Of a control period, s.
+
+    Raises:
+        ValueError: An environment that does not show them.
+    """
+
+    def __init__(self, environment: Any) -> None:
+        task = environment.unwrapped.task
+        self.spacecraft: Spacecraft = task.vehicle
+        self.duration: float = self.spacecraft.control_period
+        places, first = {}, 0
+        for feature in task.features:
+            places[feature.name] = slice(first, first + feature.size)
+            first += feature.size
+        for name in (_DUTIES, _CHANGE):
+            if name not in places:
+                raise ValueError(
+                    f"the observation of {type(task).__name__} has no {name!r}; an environment with the "
+                    f"entries {_DUTIES!r} and {_CHANGE!r} would be right"
+                )
+        self._duties, self._change = places[_DUTIES], places[_CHANGE]
+        self._authority = self.spacecraft.authority()
+
+    def __call__(self, observations: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+        """On-times (worlds, n), s, and rate change (worlds, 6), m/s then rad/s, of the last period.
+
+        Args:
+            observations: (worlds, size).
+        """
+        seen = np.asarray(observations, dtype=np.float64)
+        return seen[:, self._duties] * self.duration, seen[:, self._change] * self._authority
+
+
+_DUTIES, _CHANGE = "last duties", "last measured rate change"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentFlights:
+    """Flights of an environment of this suite.
+
+    Attributes:
+        environment: Its id.
+        arguments: Of its constructor, but for the faults.
+        faults: What fails in a faulty flight. Exactly one fault strikes, whatever its `probability` and
+            `count`. By default a dead thruster, from the end of some period of the first half of a flight on.
+        policy: Who acts. By default nobody does, which is for environments that fly by themselves: no fault
+            is declared, and nothing tested.
+        periods: In a flight; by default as many as the environment's time limit.
+        worlds: How many fly side by side; results do not depend on it.
+
+    Raises:
+        ValueError: A value that cannot be.
+
+    >>> flights = EnvironmentFlights(periods=20)(range(3), faulty=True)
+    >>> flights.on_times.shape, flights.duration, flights.kind
+    ((3, 20, 12), 5.0, ('stuck_off', 'stuck_off', 'stuck_off'))
+    """
+
+    environment: str = "thruster_envs/FaultDiagnosis-v0"
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    faults: FaultDistribution = field(
+        default_factory=lambda: FaultDistribution(kinds=("stuck_off",), onset=(0.0, 300.0), onset_grid=5.0)
+    )
+    policy: Policy | None = None
+    periods: int | None = None
+    worlds: int = 500
+
+    def __post_init__(self) -> None:
+        for name in ("periods", "worlds"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name} is {value}; one or more would be right")
+        if "faults" in self.arguments:
+            raise ValueError("arguments has 'faults'; the field `faults` of these flights would be right")
+
+    def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:
+        """One flight for each seed.
+
+        Raises:
+            ValueError: An environment that has several craft, that has no end where `periods` is not given,
+                that does not fly by itself where there is no policy, or that does not show what was fired.
+        """
+        parts = [
+            self._fly(seeds[first : first + self.worlds], faulty)
+            for first in range(0, len(seeds), self.worlds)
+        ]
+        on_times, rate_change, valid, rows = (np.concatenate(part) for part in zip(*parts, strict=True))
+        spacecraft = load(self.arguments.get("spacecraft", "orion"))
+        return Flights(
+            on_times=on_times, rate_change=rate_change, valid=valid, duration=spacecraft.control_period,
+            **truth_of(rows),
+        )  # fmt: skip
+
+    def _fly(
+        self, seeds: Sequence[int], faulty: bool
+    ) -> tuple[FloatArray, FloatArray, NDArray[Any], FloatArray]:
+        """On-times, rate changes, validity and faults of the worlds with these seeds."""
+        env = gym.make_vec(
+            self.environment, num_envs=len(seeds), vectorization_mode="vector_entry_point",
+            autoreset_mode=gym.vector.AutoresetMode.DISABLED,
+            faults=one_fault_each(self.faults) if faulty else [], **self.arguments,
+        )  # fmt: skip
+        task: Any = env.unwrapped.task  # type: ignore[attr-defined]
+        if task.number_of_craft > 1:
+            raise ValueError(
+                f"{self.environment} has {task.number_of_craft} craft; an environment of one would be right"
+            )
+        periods = self.periods or task.max_episode_steps
+        if periods is None:
+            raise ValueError(f"periods is None, and {self.environment} has no end; a number would be right")
+        if self.policy is None and task.choices is None:
+            raise ValueError(
+                f"policy is None, and {self.environment} does not fly by itself; one would be right"
+            )
+        read, n = ObservedFiring(env), task.vehicle.number_of_thrusters
+        on_times, rate_change = np.empty((len(seeds), periods, n)), np.empty((len(seeds), periods, 6))
+        valid, lost = np.empty((len(seeds), periods), np.bool_), np.zeros(len(seeds), np.bool_)
+        observations, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
+        for period in range(periods):
+            actions = env.action_space.sample() * 0 if self.policy is None else self.policy(observations)
+            observations, _, terminated, _, _ = env.step(actions)
+            on_times[:, period], rate_change[:, period] = read(observations)
+            valid[:, period] = ~lost
+            lost |= terminated
+        env.close()
+        return on_times, rate_change, valid, faults_of(self.faults, n, seeds, faulty)
