@@ -14,6 +14,7 @@ from thruster_baselines.detection import (
     EnvironmentFlights,
     GLRDetector,
     ModelComparison,
+    PlayerDetector,
     by_model_comparison,
     evaluate,
     threshold_for_rate,
@@ -74,12 +75,14 @@ def test_healthy_ones_give_what_their_thrusters_deliver_within_what_sensors_and_
 
 
 def test_a_flight_is_a_function_of_its_seed_alone():
-    source = EnvironmentFlights(faults=EVERY_KIND, periods=10)
+    source = EnvironmentFlights(faults=EVERY_KIND, periods=10, observed=True)
     together = source([3, 9, 4], faulty=True)
-    one_by_one = EnvironmentFlights(faults=EVERY_KIND, periods=10, worlds=1)([3, 9, 4], faulty=True)
-    for name in ("on_times", "rate_change", "valid", "thruster", "severity", "onset"):
+    one_by_one = EnvironmentFlights(faults=EVERY_KIND, periods=10, worlds=1, observed=True)(
+        [3, 9, 4], faulty=True
+    )
+    for name in ("on_times", "rate_change", "valid", "thruster", "severity", "onset", "observations"):
         np.testing.assert_array_equal(getattr(together, name), getattr(one_by_one, name))
-    assert together.kind == one_by_one.kind
+    assert (together.kind, together.duration) == (one_by_one.kind, one_by_one.duration)
 
 
 def test_a_policy_may_fly_and_a_lost_flight_measures_nothing_any_more():
@@ -201,5 +204,72 @@ def test_worlds_that_begin_again_are_begun_anew():
 
 
 def test_only_diagnosis_tasks_can_be_played():
-    with pytest.raises(ValueError, match="environment is OrionRendezvous; FaultDiagnosis or ActiveDiagnosis"):
+    with pytest.raises(ValueError, match="the observation of OrionRendezvous has no 'time since the start'"):
         DetectorPlayer(make("thruster_envs/OrionRendezvous-v0", 1))
+
+
+# ---- Players by the yardstick ------------------------------------------------------------------------------
+
+ENVIRONMENT = make(DIAGNOSIS, 1)
+
+
+def as_detector(player):
+    return lambda vehicles: PlayerDetector(ENVIRONMENT, player(vehicles), vehicles)
+
+
+def test_a_player_by_the_yardstick_is_as_good_as_what_it_plays_with():
+    """Its alarms are those of the detector, and the models name the thruster at least as well."""
+    source = EnvironmentFlights(observed=True)
+    found = evaluate(
+        as_detector(lambda vehicles: DetectorPlayer(ENVIRONMENT, worlds=vehicles)), source, name="player",
+        false_alarms=1e-3, validation=VALIDATION[:50], test=TEST[:100], rates=(),
+    )  # fmt: skip
+    plain = evaluate(
+        sums, EnvironmentFlights(), name="sums", false_alarms=1e-3, validation=VALIDATION[:50],
+        test=TEST[:100], rates=(),
+    )  # fmt: skip
+    assert found.calibration.threshold == 0.0
+    assert found.false_alarms.low <= 1e-3
+    assert found.missed.value == 0.0
+    assert found.median_delay <= plain.median_delay + 5.0
+    assert found.isolated.value >= plain.isolated.value
+
+
+def test_a_player_sees_what_it_declared_as_in_the_environment():
+    """Recorded without declarations, shown with them: bit for bit what it saw when it played."""
+    env = make(DIAGNOSIS, 3, faults={"probability": 1.0, "kinds": ["loss"]})
+    flights = EnvironmentFlights(
+        faults=FaultDistribution(kinds=("loss",)), periods=20, observed=True
+    )([7, 8, 9], faulty=True)  # fmt: skip
+    shown = []
+
+    def erratic(observations):
+        shown.append(observations.copy())
+        number = np.abs(1e4 * observations[:, 26:28]).astype(int)
+        return np.stack([number[:, 0] % 13, number[:, 1] % 6], axis=1)
+
+    observations, _ = env.reset(seed=[7, 8, 9])
+    observations, *_ = env.step(np.zeros((3, 2), np.int64))
+    seen = []
+    for _ in range(19):
+        seen.append(observations)
+        observations, *_ = env.step(erratic(observations))
+    shown.clear()
+    detector = PlayerDetector(env, erratic, 3)
+    for period in range(19):
+        diagnosis = detector.update(**flights.step(slice(None), period))
+        np.testing.assert_array_equal(diagnosis.thruster, detector.declared[:, 0])
+        np.testing.assert_array_equal(shown[-1], seen[period])
+    assert len(np.unique(np.concatenate(seen)[:, 49:61].sum(axis=1))) == 2
+
+
+def test_a_player_that_alarms_too_often_is_calibrated_to_silence():
+    found = evaluate(
+        as_detector(lambda _: lambda observations: np.ones((len(observations), 2))),
+        EnvironmentFlights(observed=True, periods=30), name="always", false_alarms=0.01,
+        validation=VALIDATION[:50], test=TEST[:50], rates=(),
+    )  # fmt: skip
+    assert found.calibration.threshold == 1.0
+    assert found.missed.value == 1.0
+    with pytest.raises(NotImplementedError, match="cannot be told"):
+        as_detector(lambda _: np.zeros)(1).believe(np.zeros((6, 12)))

@@ -32,7 +32,7 @@ from thruster_baselines.detection.identification import (
     Severity,
     least_squares_severity,
 )
-from thruster_baselines.detection.player import DetectorPlayer
+from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
 from thruster_baselines.detection.response import ResponseTest, threshold_for
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -58,6 +58,7 @@ __all__ = [
     "Interval",
     "ModelComparison",
     "ObservedFiring",
+    "PlayerDetector",
     "RandomFlights",
     "Rate",
     "ResponseTest",

@@ -10,6 +10,8 @@ Left out: environments in which several craft fail. What is measured after a fli
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from thruster_baselines.detection.flights import Flights, faults_of, one_fault_each, truth_of
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.protocols import FloatArray
-from thruster_envs.spacecraft import Spacecraft, load
+from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["EnvironmentFlights", "ObservedFiring", "Policy"]
 
@@ -47,17 +49,7 @@ class ObservedFiring:
         task = environment.unwrapped.task
         self.spacecraft: Spacecraft = task.vehicle
         self.duration: float = self.spacecraft.control_period
-        places, first = {}, 0
-        for feature in task.features:
-            places[feature.name] = slice(first, first + feature.size)
-            first += feature.size
-        for name in (_DUTIES, _CHANGE):
-            if name not in places:
-                raise ValueError(
-                    f"the observation of {type(task).__name__} has no {name!r}; an environment with the "
-                    f"entries {_DUTIES!r} and {_CHANGE!r} would be right"
-                )
-        self._duties, self._change = places[_DUTIES], places[_CHANGE]
+        self._duties, self._change = places(environment, "last duties", "last measured rate change")
         self._authority = self.spacecraft.authority()
 
     def __call__(self, observations: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
@@ -70,7 +62,24 @@ class ObservedFiring:
         return seen[:, self._duties] * self.duration, seen[:, self._change] * self._authority
 
 
-_DUTIES, _CHANGE = "last duties", "last measured rate change"
+def places(environment: Any, *names: str) -> tuple[slice, ...]:
+    """Where entries of these names stand in the observation of an environment of this suite.
+
+    Raises:
+        ValueError: One that has no such entry.
+    """
+    task = environment.unwrapped.task
+    found, first = {}, 0
+    for feature in task.features:
+        found[feature.name] = slice(first, first + feature.size)
+        first += feature.size
+    for name in names:
+        if name not in found:
+            raise ValueError(
+                f"the observation of {type(task).__name__} has no {name!r}; an environment with the entries "
+                f"{', '.join(repr(one) for one in names)} would be right"
+            )
+    return tuple(found[name] for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +95,7 @@ class EnvironmentFlights:
             is declared, and nothing tested.
         periods: In a flight; by default as many as the environment's time limit.
         worlds: How many fly side by side; results do not depend on it.
+        observed: Whether the flights hold the observations, for players (`PlayerDetector`).
 
     Raises:
         ValueError: A value that cannot be.
@@ -103,6 +113,7 @@ class EnvironmentFlights:
     policy: Policy | None = None
     periods: int | None = None
     worlds: int = 500
+    observed: bool = False
 
     def __post_init__(self) -> None:
         for name in ("periods", "worlds"):
@@ -123,17 +134,19 @@ class EnvironmentFlights:
             self._fly(seeds[first : first + self.worlds], faulty)
             for first in range(0, len(seeds), self.worlds)
         ]
-        on_times, rate_change, valid, rows = (np.concatenate(part) for part in zip(*parts, strict=True))
-        spacecraft = load(self.arguments.get("spacecraft", "orion"))
-        return Flights(
-            on_times=on_times, rate_change=rate_change, valid=valid, duration=spacecraft.control_period,
-            **truth_of(rows),
-        )  # fmt: skip
+        if len(parts) == 1:
+            return parts[0]
+        joined: dict[str, Any] = {}
+        for one in dataclasses.fields(Flights):
+            values = [getattr(part, one.name) for part in parts]
+            if isinstance(values[0], tuple):
+                joined[one.name] = tuple(itertools.chain.from_iterable(values))
+            else:
+                joined[one.name] = np.concatenate(values) if isinstance(values[0], np.ndarray) else values[0]
+        return Flights(**joined)
 
-    def _fly(
-        self, seeds: Sequence[int], faulty: bool
-    ) -> tuple[FloatArray, FloatArray, NDArray[Any], FloatArray]:
-        """On-times, rate changes, validity and faults of the worlds with these seeds."""
+    def _fly(self, seeds: Sequence[int], faulty: bool) -> Flights:
+        """One flight for each seed, side by side."""
         env = gym.make_vec(
             self.environment, num_envs=len(seeds), vectorization_mode="vector_entry_point",
             autoreset_mode=gym.vector.AutoresetMode.DISABLED,
@@ -154,12 +167,19 @@ class EnvironmentFlights:
         read, n = ObservedFiring(env), task.vehicle.number_of_thrusters
         on_times, rate_change = np.empty((len(seeds), periods, n)), np.empty((len(seeds), periods, 6))
         valid, lost = np.empty((len(seeds), periods), np.bool_), np.zeros(len(seeds), np.bool_)
+        seen = np.empty((len(seeds), periods, task.observation_size), np.float32) if self.observed else None
+        nothing = np.zeros(env.action_space.shape or (), np.int64)
         observations, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
         for period in range(periods):
-            actions = env.action_space.sample() * 0 if self.policy is None else self.policy(observations)
+            actions = nothing if self.policy is None else self.policy(observations)
             observations, _, terminated, _, _ = env.step(actions)
             on_times[:, period], rate_change[:, period] = read(observations)
             valid[:, period] = ~lost
             lost |= terminated
+            if seen is not None:
+                seen[:, period] = observations
         env.close()
-        return on_times, rate_change, valid, faults_of(self.faults, n, seeds, faulty)
+        return Flights(
+            on_times=on_times, rate_change=rate_change, valid=valid, duration=read.duration,
+            **truth_of(faults_of(self.faults, n, seeds, faulty)), observations=seen,
+        )  # fmt: skip

@@ -49,6 +49,9 @@ class Flights:
         onset: (flights,), s since the start; infinite in a healthy flight.
         age: (flights, intervals), s: how much older than the end of the interval each measurement is, as
             `Detector.update` takes it; None for none of them.
+        observations: (flights, intervals, size), what a player of the environment saw at the end of each
+            interval; None where there is none. Only detectors that take an `observation` can be measured on
+            such flights.
     """
 
     on_times: FloatArray
@@ -60,11 +63,13 @@ class Flights:
     severity: FloatArray
     onset: FloatArray
     age: FloatArray | None = None
+    observations: NDArray[np.float32] | None = None
 
     def step(self, flights: slice, interval: int) -> dict[str, Any]:
         """The arguments of `Detector.update` for one interval of some of them."""
         at = (flights, interval)
-        return {
+        seen = {} if self.observations is None else {"observation": self.observations[at]}
+        return seen | {
             "on_times": self.on_times[at],
             "rate_change": self.rate_change[at],
             "duration": self.duration,

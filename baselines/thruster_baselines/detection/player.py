@@ -1,14 +1,19 @@
-"""Any detector as a player of the diagnosis tasks: observation in, hypothesis out.
+"""Any detector as a player of the diagnosis tasks, and any player as a detector.
 
-The detector says when something is wrong. Who it is and how it fails is asked of the model comparison
-(Yang 2003, section 5.3.1), over all periods and not over one: for each thruster and each model the
-log-likelihood ratio against no fault is added up from period to period, and begins anew where it falls below
-zero, since nobody knows the onset (Page 1954). From the first alarm on, the hypothesis with the largest sum
-is declared. Where a kind has several models, for losses of several sizes or tilts to several sides, each of
-them has its share of the kind's prior probability.
-
+`DetectorPlayer`: observation in, hypothesis out. The detector says when something is wrong. Who it is and how
+it fails is asked of the model comparison (Yang 2003, section 5.3.1), over all periods and not over one: for
+each thruster and each model the log-likelihood ratio against no fault is added up from period to period, and
+begins anew where it falls below zero, since nobody knows the onset (Page 1954). From the first alarm on, the
+hypothesis with the largest sum is declared. Where a kind has several models, for losses of several sizes or
+tilts to several sides, each of them has its share of the kind's prior probability.
 In `ActiveDiagnosis-v0` it fires the shortest test pulse of one thruster after the other, as long as the
 budget lasts.
+
+`PlayerDetector` is for the yardstick (`thruster_baselines.detection.evaluate`): a policy, learned or not,
+that was made for `FaultDiagnosis-v0` is asked what it declares in flights that were recorded with their
+observations, and a declared thruster is an alarm. Its threshold has nothing to sweep, so that calibration
+only finds out whether it keeps to the stated rate: one that alarms more often is given a threshold that it
+never exceeds.
 
 Left out: several faulty thrusters, faults that heal, that a wrong name costs more than a late one.
 """
@@ -19,18 +24,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.cusum import CUSUMDetector
-from thruster_baselines.detection.environment_flights import ObservedFiring
+from thruster_baselines.detection.environment_flights import ObservedFiring, places
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_envs.faults import mode_of
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["DetectorPlayer"]
+__all__ = ["DetectorPlayer", "PlayerDetector"]
 
 
 class DetectorPlayer:
@@ -39,11 +44,12 @@ class DetectorPlayer:
     It sees observations only. A world whose observation says that an episode begins is begun anew.
 
     Args:
-        environment: The vector environment that is played, for what stands where in its observation.
+        environment: That is played, for what stands where in its observation.
         make: Builds a detector for so many vehicles, threshold included; by default cumulative sums
             (`CUSUMDetector`).
         comparison: Of the models of a fault; by default four sizes of a loss, five openings, two tilts to
             eight sides.
+        worlds: How many are played; by default as many as the vector environment has.
 
     Raises:
         ValueError: An environment that is no diagnosis task.
@@ -69,18 +75,14 @@ class DetectorPlayer:
         environment: Any,
         make: Callable[[int], BaseDetector] | None = None,
         comparison: ModelComparison | None = None,
+        worlds: int | None = None,
     ) -> None:
-        task = environment.unwrapped.task
+        worlds = environment.num_envs if worlds is None else worlds
+        self._time, *_ = places(environment, "time since the start", *_DECLARED)
+        self._entries = len(environment.unwrapped.task.choices)
         self._read = ObservedFiring(environment)
-        spacecraft, worlds = self._read.spacecraft, environment.num_envs
+        spacecraft = self._read.spacecraft
         n = spacecraft.number_of_thrusters
-        names = [feature.name for feature in task.features]
-        if task.choices is None or task.choices[0] != n + 1 or _TIME not in names:
-            raise ValueError(
-                f"environment is {type(task).__name__}; FaultDiagnosis or ActiveDiagnosis would be right"
-            )
-        self._time = sum(feature.size for feature in task.features[: names.index(_TIME)])
-        self._entries = len(task.choices)
         self.detector = _sums(spacecraft, worlds) if make is None else make(worlds)
         self.comparison = _models(spacecraft) if comparison is None else comparison
         kinds = [kind for kind, _ in self.comparison.models]
@@ -99,7 +101,7 @@ class DetectorPlayer:
             observations: (worlds, size).
         """
         on_times, rate_change = self._read(observations)
-        begins = observations[:, self._time] == 0.0
+        begins = observations[:, self._time.start] == 0.0
         diagnosis = self.detector.update(on_times, rate_change, self._read.duration, valid=~begins)
         self._alarmed |= diagnosis.detected
         self._add_up()
@@ -136,7 +138,85 @@ class DetectorPlayer:
         return actions
 
 
-_TIME = "time since the start"
+class PlayerDetector:
+    """A player of `FaultDiagnosis-v0` behind the `Detector` protocol.
+
+    What it declared last stands in the observation that it is shown, as in the environment.
+
+    Args:
+        environment: For what stands where in its observation.
+        player: Actions (vehicles, 2 or more) from observations (vehicles, size): thruster and mode first. If
+            it remembers anything, it has to have a `reset` like that of `DetectorPlayer`.
+        vehicles: How many it watches.
+
+    Attributes:
+        threshold: To be exceeded by 1 where a thruster is declared, and by 0 elsewhere.
+        declared: (vehicles, 2), thruster, from 1, or 0 for none, and mode, of the last update.
+
+    Raises:
+        ValueError: An environment that is no diagnosis task.
+    """
+
+    def __init__(self, environment: Any, player: Callable[[NDArray[np.float32]], Any], vehicles: int) -> None:
+        self._thrusters, self._modes = places(environment, *_DECLARED)
+        self._player = player
+        self.threshold = 0.5
+        self.declared: IntArray = np.zeros((vehicles, 2), np.int64)
+        self.time: FloatArray = np.zeros(vehicles)
+
+    def update(
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,  # noqa: ARG002 - it stands in the observation, too
+        duration: float,
+        *,
+        valid: ArrayLike | None = None,
+        age: ArrayLike | None = None,  # noqa: ARG002 - an environment's measurements are never late
+        observation: NDArray[np.float32],
+    ) -> Diagnosis:
+        """Take in one interval, as it was observed.
+
+        Args:
+            on_times: (vehicles, n), s.
+            rate_change: (vehicles, m).
+            duration: s.
+            valid: (vehicles,), where the observation counts.
+            age: (vehicles,).
+            observation: (vehicles, size), of the environment at the end of the interval.
+        """
+        seen = np.array(observation, dtype=np.float32)
+        for k, columns in enumerate((self._thrusters, self._modes)):
+            numbers = self.declared[:, k] - (1 if k == 0 else 0)
+            shown = np.arange(columns.stop - columns.start) == numbers[:, np.newaxis]
+            seen[:, columns] = shown & (self.declared[:, :1] > 0)
+        self.declared = np.array(self._player(seen), dtype=np.int64)[:, :2]
+        self.time += duration
+        there = np.ones(len(seen), np.bool_) if valid is None else np.asarray(valid, dtype=np.bool_)
+        statistic = np.where(there & (self.declared[:, 0] > 0), 1.0, 0.0)
+        detected = statistic > self.threshold
+        nothing = np.zeros(np.shape(on_times))
+        return Diagnosis(
+            detected, np.where(detected, self.declared[:, 0], 0), statistic, self.time.copy(), nothing,
+            nothing.copy(),
+        )  # fmt: skip
+
+    def reset(self, vehicles: ArrayLike | None = None) -> None:
+        """Begin anew, in the vehicles of a mask (vehicles,) or in all of them."""
+        mask = np.ones(self.time.size, np.bool_) if vehicles is None else np.asarray(vehicles)
+        self.declared[mask], self.time[mask] = 0, 0.0
+        if hasattr(self._player, "reset"):
+            self._player.reset(mask)
+
+    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+        """A player cannot be told.
+
+        Raises:
+            NotImplementedError: Always.
+        """
+        raise NotImplementedError("a player of a task expects sound thrusters and cannot be told otherwise")
+
+
+_DECLARED = ("whether each thruster was declared last", "whether each mode was declared last")
 
 _THRESHOLD = 8.0
 """Of the cumulative sums: what 500 healthy validation flights of `FaultDiagnosis-v0` show to be exceeded in
