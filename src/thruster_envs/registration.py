@@ -13,6 +13,7 @@ ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
     "thruster_envs/FormationKeeping-v0": ("FormationKeeping", 120),
     "thruster_envs/FaultDiagnosis-v0": ("FaultDiagnosis", 120),
     "thruster_envs/ActiveDiagnosis-v0": ("ActiveDiagnosis", 120),
+    "thruster_envs/PulseDiagnosis-v0": ("PulseDiagnosis", 64),
 }
 
 

@@ -1,13 +1,14 @@
 """What the tests of the views share: every registered id, faults of every kind, and infos by path."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 import thruster_envs  # noqa: F401  # registers the environments
-from thruster_envs.faults import FaultDistribution
+from thruster_envs.faults import DISCHARGE_KINDS, FaultDistribution
 from thruster_envs.registration import ENVIRONMENTS
 
 IDS = tuple(ENVIRONMENTS)
@@ -20,6 +21,23 @@ FAULTS = FaultDistribution(
     duration=(10.0, 100.0),
     profiles=("step", "ramp", "sine", "intermittent"),
 )
+
+
+def kinds_of(identifier: str) -> tuple[str, ...]:
+    """The kinds of fault that a task takes."""
+    task = gym.make(identifier).unwrapped
+    discharges = task.task.vehicle.discharge is not None
+    return tuple(kind for kind in task.worlds.fleet.kinds if discharges or kind not in DISCHARGE_KINDS)
+
+
+def faults_of(identifier: str) -> FaultDistribution:
+    """Several faults of any profile and of any kind that a task takes, as in ``FAULTS``."""
+    return replace(FAULTS, kinds=kinds_of(identifier))
+
+
+def thrusters_of(identifier: str) -> int:
+    """How many thrusters a craft of a task has."""
+    return gym.make(identifier).unwrapped.task.vehicle.number_of_thrusters
 
 
 def entries(info: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,14 +4,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.views.cases import FAULTS, IDS, actions_of, entries, equal, world_of
+from tests.views.cases import IDS, actions_of, entries, equal, faults_of, world_of
 
 STEPS, LIMIT, SEED = 500, 40, 2**40 + 7
 
 
 def live_alone(identifier, world):
     """What a single environment returns, step by step, with a reset after every ending."""
-    env = gym.make(identifier, faults=FAULTS, max_episode_steps=LIMIT)
+    env = gym.make(identifier, faults=faults_of(identifier), max_episode_steps=LIMIT)
     observation, info = env.reset(seed=SEED + world)
     yield observation, None, False, False, dict(entries(info)), None, None
     for action in actions_of(identifier, world, STEPS):
@@ -30,7 +30,7 @@ def test_a_world_of_a_batch_is_a_single_environment(identifier, worlds, threads)
     env = gym.make_vec(
         identifier,
         num_envs=worlds,
-        faults=FAULTS,
+        faults=faults_of(identifier),
         max_episode_steps=LIMIT,
         autoreset_mode="SameStep",
         threads=threads,
@@ -62,9 +62,13 @@ def test_a_world_of_a_batch_is_a_single_environment(identifier, worlds, threads)
 @pytest.mark.parametrize("identifier", IDS)
 def test_next_step_autoreset_gives_the_same_episodes(identifier):
     same = gym.make_vec(
-        identifier, num_envs=3, faults=FAULTS, max_episode_steps=LIMIT, autoreset_mode="SameStep"
+        identifier,
+        num_envs=3,
+        faults=faults_of(identifier),
+        max_episode_steps=LIMIT,
+        autoreset_mode="SameStep",
     )
-    later = gym.make_vec(identifier, num_envs=3, faults=FAULTS, max_episode_steps=LIMIT)
+    later = gym.make_vec(identifier, num_envs=3, faults=faults_of(identifier), max_episode_steps=LIMIT)
     lived = {name: [[] for _ in range(3)] for name in ("same", "later")}
     for name, env in (("same", same), ("later", later)):
         env.reset(seed=SEED)
@@ -91,8 +95,8 @@ def test_next_step_autoreset_gives_the_same_episodes(identifier):
 
 @pytest.mark.parametrize("identifier", IDS)
 def test_a_saved_batch_goes_on_as_it_would_have(identifier):
-    env = gym.make_vec(identifier, num_envs=7, faults=FAULTS, max_episode_steps=LIMIT)
-    other = gym.make_vec(identifier, num_envs=7, faults=FAULTS, max_episode_steps=LIMIT)
+    env = gym.make_vec(identifier, num_envs=7, faults=faults_of(identifier), max_episode_steps=LIMIT)
+    other = gym.make_vec(identifier, num_envs=7, faults=faults_of(identifier), max_episode_steps=LIMIT)
     actions = np.stack([actions_of(identifier, world, 120) for world in range(7)], axis=1)
     env.reset(seed=SEED)
     for step in range(45):

@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecMonitor
 
-from tests.views.cases import FAULTS, IDS, constant
+from tests.views.cases import FAULTS, IDS, constant, faults_of
 from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv
 
 GAMMA, STEPS, LIMIT = 0.9, 60, 12
@@ -55,7 +55,7 @@ def returns_by_hand(model, rewards, dones, last_value):
 @pytest.mark.parametrize("identifier", IDS)
 def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifier):
     make = lambda mode: gym.make_vec(  # noqa: E731  # two like environments
-        identifier, num_envs=4, faults=FAULTS, max_episode_steps=LIMIT, autoreset_mode=mode
+        identifier, num_envs=4, faults=faults_of(identifier), max_episode_steps=LIMIT, autoreset_mode=mode
     )
     model = collect(SB3VecEnv(make("NextStep")))
     buffer, twin = model.rollout_buffer, make("SameStep")
@@ -99,8 +99,8 @@ def test_an_ending_of_its_own_is_not_taken_for_a_time_limit():
 
 @pytest.mark.parametrize("identifier", IDS)
 def test_infos_carry_the_last_observation_and_the_score(identifier):
-    vector = gym.make_vec(identifier, num_envs=3, faults=FAULTS, max_episode_steps=5)
-    env, alone = SB3VecEnv(vector), gym.make(identifier, faults=FAULTS, max_episode_steps=5)
+    vector = gym.make_vec(identifier, num_envs=3, faults=faults_of(identifier), max_episode_steps=5)
+    env, alone = SB3VecEnv(vector), gym.make(identifier, faults=faults_of(identifier), max_episode_steps=5)
     assert vector.unwrapped.autoreset_mode == AutoresetMode.SAME_STEP
     env.seed(20)
     assert np.array_equal(env.reset()[1], alone.reset(seed=21)[0])
@@ -213,5 +213,9 @@ def test_all_craft_of_a_formation_end_together_each_with_its_own_last_observatio
 
 def test_ppo_learns_on_every_task_without_a_complaint():
     for identifier in IDS:
-        env = VecMonitor(SB3VecEnv(gym.make_vec(identifier, num_envs=8, max_episode_steps=20, faults=FAULTS)))
+        env = VecMonitor(
+            SB3VecEnv(
+                gym.make_vec(identifier, num_envs=8, max_episode_steps=20, faults=faults_of(identifier))
+            )
+        )
         PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu").learn(512)

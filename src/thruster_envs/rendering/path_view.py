@@ -12,12 +12,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from thruster_envs.rendering.axes import draw_axes, plot_boxes
 from thruster_envs.rendering.canvas import (
-    AXIS,
     CRAFT,
     FAILED,
-    GRID,
-    MUTED,
     TARGET,
     TEXT,
     WELL,
@@ -27,13 +25,12 @@ from thruster_envs.rendering.canvas import (
 )
 from thruster_envs.rendering.layout import Box, Layout
 from thruster_envs.rendering.scene import CraftScene
-from thruster_envs.rendering.ticks import round_limits, tick_label, tick_values
+from thruster_envs.rendering.ticks import round_limits
 
 FloatArray = npt.NDArray[np.float64]
 
 FINEST = 5.0  # the most that the vertical scale is finer than the horizontal one
 SMALLEST_SPAN = 0.5  # m
-LEAST_HEIGHT = 64.0  # pixels that a plot needs; two stand one above the other where there is room
 FADING_PIECES = 6
 OLDEST_SHARE = 0.35  # brightness of the oldest part of the path
 
@@ -44,24 +41,10 @@ class PathView:
     def __init__(self, canvas: Canvas, layout: Layout) -> None:
         self._canvas = canvas
         self._layout = layout
-        left, top, width, height = layout.path
-        small = layout.small_size
-        caption = layout.text_size + 12.0 * layout.scale
-        gutter = canvas.text_width("−0000", small) + 10.0 + 0.8 * small
-        right = left + width - max(10.0, 16.0 * layout.scale)
-        bottom = top + height - 2.2 * small
-        gap = max(8.0, 14.0 * layout.scale)
-        area_top = top + caption + 0.2 * small
-        room = bottom - area_top
-        across = right - left - gutter
-        if (room - gap) / 2 >= LEAST_HEIGHT:
-            down = (room - gap) / 2
-            self._plots: tuple[tuple[int, str, Box], ...] = (
-                (0, "radial, m", (left + gutter, area_top, across, down)),
-                (2, "cross-track, m", (left + gutter, area_top + down + gap, across, down)),
-            )
-        else:
-            self._plots = ((0, "radial, m", (left + gutter, area_top, across, room)),)
+        labels = ("radial, m", "cross-track, m")
+        self._plots: tuple[tuple[int, str, Box], ...] = tuple(
+            zip((0, 2), labels, plot_boxes(canvas, layout, "−0000"), strict=False)
+        )
 
     def draw_static(self) -> None:
         """What does not change: the wells of the plots."""
@@ -79,36 +62,9 @@ class PathView:
         for number, (axis, label, box) in enumerate(self._plots):
             low, high = _widened(points[:, axis], max(span, SMALLEST_SPAN))
             vertical = round_limits(low, high, max(2.0, box[3] / (1.9 * self._layout.small_size)))
-            self._draw_axes(box, horizontal, vertical, label, last=number == len(self._plots) - 1)
+            below = "along-track, m" if number == len(self._plots) - 1 else ""
+            draw_axes(self._canvas, self._layout, box, horizontal, vertical, label, below)
             self._draw_craft(crafts, axis, box, horizontal, vertical)
-
-    def _draw_axes(
-        self,
-        box: Box,
-        horizontal: tuple[float, float, float],
-        vertical: tuple[float, float, float],
-        label: str,
-        *,
-        last: bool,
-    ) -> None:
-        left, top, width, height = box
-        canvas, size = self._canvas, self._layout.small_size
-        for value in tick_values(*horizontal):
-            column = left + width * (value - horizontal[0]) / (horizontal[1] - horizontal[0])
-            canvas.rule(AXIS if value == 0.0 else GRID, (column, top), (column, top + height))
-            if last:
-                text = tick_label(value, horizontal[2])
-                half = canvas.text_width(text, size) / 2
-                at = min(column, self._layout.path[0] + self._layout.path[2] - half - 5)
-                canvas.text(MUTED, text, (at, top + height + 0.7 * size), size)
-        step = vertical[2]
-        for value in tick_values(*vertical):
-            row = top + height * (vertical[1] - value) / (vertical[1] - vertical[0])
-            canvas.rule(AXIS if value == 0.0 else GRID, (left, row), (left + width, row))
-            canvas.text(MUTED, tick_label(value, step), (left - 5, row), size, align="right")
-        canvas.upright_text(MUTED, label, (self._layout.path[0] + 0.75 * size, top + height / 2), size)
-        if last:
-            canvas.text(MUTED, "along-track, m", (left + width / 2, top + height + 1.6 * size), size)
 
     def _draw_craft(
         self,

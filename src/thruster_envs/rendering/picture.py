@@ -1,4 +1,4 @@
-"""The whole picture: header, craft, path or rate change, duty bars.
+"""The whole picture: header, craft, path or rate change or curves, duty bars.
 
 This module imports pygame: only :mod:`thruster_envs.rendering.renderer` may import it, and late.
 """
@@ -13,6 +13,7 @@ import pygame
 from thruster_envs.rendering.bars_view import DutyBars, RateBars, draw_legend
 from thruster_envs.rendering.canvas import FAILED, MUTED, PANEL, PANEL_EDGE, TEXT, Canvas
 from thruster_envs.rendering.craft_view import CraftView
+from thruster_envs.rendering.curves_view import CurvesView
 from thruster_envs.rendering.layout import Box, arrange
 from thruster_envs.rendering.model import build_model
 from thruster_envs.rendering.path_view import PathView
@@ -30,6 +31,7 @@ class Picture:
         self._canvas = Canvas(width, height, stroke=max(1.0, self._layout.scale))
         self._path_view = PathView(self._canvas, self._layout)
         self._rate_bars = RateBars(self._canvas, self._layout)
+        self._curves_view = CurvesView(self._canvas, self._layout)
         self._duty_bars = DutyBars(self._canvas, self._layout)
         self._backgrounds: dict[bool, pygame.Surface] = {}
         self._spacecraft: Spacecraft | None = None
@@ -39,7 +41,8 @@ class Picture:
         """The picture of ``scene``; the surface is overwritten by the next call."""
         layout, canvas = self._layout, self._canvas
         craft_view = self._view_of(scene.spacecraft)
-        canvas.start(self._background(craft_view, rate_bars=bool(scene.bars)))
+        shows_path = not (scene.bars or scene.curves)
+        canvas.start(self._background(craft_view, path=shows_path))
         self._draw_header(scene)
         first = scene.craft[0]
         failed = [str(index + 1) for index in np.flatnonzero(first.faulty)]
@@ -52,6 +55,9 @@ class Picture:
         if scene.bars:
             self._caption(layout.path, "rate change, share of authority")
             self._rate_bars.draw(scene.bars)
+        elif scene.curves:
+            self._curves_view.draw_legend(*self._caption(layout.path, scene.curves_name))
+            self._curves_view.draw(scene.curves)
         else:
             right, row, room = self._caption(layout.path, "path")
             self._path_view.draw_legend(scene.craft, right, row, room)
@@ -61,8 +67,8 @@ class Picture:
         self._duty_bars.draw(scene.craft)
         return canvas.finish()
 
-    def _background(self, craft_view: CraftView, *, rate_bars: bool) -> pygame.Surface:
-        background = self._backgrounds.get(rate_bars)
+    def _background(self, craft_view: CraftView, *, path: bool) -> pygame.Surface:
+        background = self._backgrounds.get(path)
         if background is None:
             layout, canvas = self._layout, self._canvas
             canvas.start(None)
@@ -71,9 +77,9 @@ class Picture:
             craft_view.draw_static()
             for box in (layout.craft, layout.path, layout.duties):
                 canvas.frame(PANEL_EDGE, box, radius=8.0 * layout.scale)
-            if not rate_bars:
+            if path:
                 self._path_view.draw_static()
-            background = self._backgrounds[rate_bars] = canvas.shapes()
+            background = self._backgrounds[path] = canvas.shapes()
         return background
 
     def _view_of(self, spacecraft: Spacecraft) -> CraftView:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["CraftScene", "Scene"]
+__all__ = ["CraftScene", "Curve", "Scene"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -81,6 +81,31 @@ class CraftScene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """Something measured over time, beside what was expected.
+
+    Raises ``ValueError`` for a wrong shape or a value that is not finite.
+    """
+
+    label: str
+    """What it is, and its unit."""
+    time_label: str
+    """What the time is, and its unit."""
+    time: FloatArray
+    """(k,) rising, at least two."""
+    expected: FloatArray
+    """(k,) drawn as a line."""
+    measured: FloatArray
+    """(k,) drawn as dots."""
+
+    def __post_init__(self) -> None:
+        """Keep the arrays as float64, or say in one line which of them does not fit."""
+        for name in ("time", "expected", "measured"):
+            shape = (max(2, np.size(self.time)),)
+            object.__setattr__(self, name, _finite(name, getattr(self, name), shape, "Curve"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
     """One moment of an episode, ready to be drawn.
 
@@ -101,6 +126,10 @@ class Scene:
     bars: tuple[tuple[str, float, float], ...] = ()
     """(label, commanded, delivered) in shares of the vehicle's authority, -1..1; if given, they stand in
     place of the path."""
+    curves: tuple[Curve, ...] = ()
+    """If given, and no bars, they stand in place of the path."""
+    curves_name: str = ""
+    """What the curves are of."""
 
     def __post_init__(self) -> None:
         """Check that the craft belong to the spacecraft."""
@@ -122,10 +151,10 @@ class Scene:
                 )
 
 
-def _finite(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+def _finite(name: str, value: Any, shape: tuple[int, ...], owner: str = "CraftScene") -> FloatArray:
     array = np.array(value, dtype=np.float64)
     if array.shape != shape:
-        raise ValueError(f"CraftScene.{name} has shape {array.shape}, it must be {shape}")
+        raise ValueError(f"{owner}.{name} has shape {array.shape}, it must be {shape}")
     if not np.isfinite(array).all():
-        raise ValueError(f"CraftScene.{name} is {array.tolist()}, every entry must be finite")
+        raise ValueError(f"{owner}.{name} is {array.tolist()}, every entry must be finite")
     return array

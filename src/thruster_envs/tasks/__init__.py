@@ -5,6 +5,7 @@ from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Trut
 from thruster_envs.tasks.fault_diagnosis import FaultDiagnosis
 from thruster_envs.tasks.formation_keeping import FormationKeeping
 from thruster_envs.tasks.orion_rendezvous import OrionRendezvous
+from thruster_envs.tasks.pulse_diagnosis import PulseDiagnosis
 from thruster_envs.tasks.thruster_mapping import ThrusterMapping
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "FormationKeeping",
     "OrionRendezvous",
     "Outcome",
+    "PulseDiagnosis",
     "Task",
     "TaskState",
     "ThrusterMapping",

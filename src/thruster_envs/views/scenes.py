@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
 from thruster_envs.physics import layout as at
-from thruster_envs.rendering import CraftScene, Renderer, Scene
+from thruster_envs.physics.plasma_pulse import pulse_waveforms
+from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
 from thruster_envs.tasks.fault_diagnosis import DiagnosisState
 from thruster_envs.tasks.formation_keeping import FormationState
+from thruster_envs.tasks.pulse_diagnosis import CASES, PulseDiagnosis, PulseState, peak_current
 from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.worlds import Worlds
 
@@ -84,12 +86,13 @@ class Camera:
             if isinstance(worlds.state, (FormationState, DiagnosisState))
             else np.zeros((fleet.craft, 3))
         )
+        firing = task.discharge.firing_time if isinstance(task, PulseDiagnosis) else period
         craft = tuple(
             CraftScene(
                 position=fleet.read(at.POSITION, 3)[world, c],
                 attitude=fleet.read(at.ATTITUDE, 4)[world, c],
                 duties=np.clip(fleet.read(fleet.layout.duties, n)[world, c], 0.0, 1.0),
-                thrust=np.clip(fleet.read(fleet.layout.delivered, n)[world, c] / period, 0.0, 1.0),
+                thrust=np.clip(fleet.read(fleet.layout.delivered, n)[world, c] / firing, 0.0, 1.0),
                 faulty=np.isin(np.arange(n), rows[c, active[c], 1]),
                 path=path[:, c],
                 target=slots[c],
@@ -102,8 +105,17 @@ class Camera:
             ("score", f"{info['score'][world].mean():.2f}"),
         ]
         bars: tuple[tuple[str, float, float], ...] = ()
+        curves: tuple[Curve, ...] = ()
         if isinstance(worlds.state, MappingState):
             bars = _rate_bars(worlds.state, world)
+        elif isinstance(worlds.state, PulseState):
+            assert isinstance(task, PulseDiagnosis)  # whose state it is
+            curves = _pulse_curves(task, worlds.state, world)
+            truth = CASES[worlds.state.case[world]].replace("_", " ")
+            declared = CASES[worlds.state.declared[world]].replace("_", " ")
+            thrust = f"{100.0 * info['diagnosis']['thrust'][world, 0]:.0f} %"
+            readouts[0] = ("thrust", thrust)
+            readouts += [("last pulse", truth), ("declared before", declared)]
         else:
             distance = float(np.linalg.norm(craft[0].position - craft[0].target))
             readouts.insert(0, ("distance", f"{distance:.1f} m"))
@@ -116,6 +128,8 @@ class Camera:
             title=self.title,
             readouts=tuple(readouts),
             bars=bars,
+            curves=curves,
+            curves_name="last pulse" if curves else "",
         )
 
 
@@ -123,6 +137,21 @@ def _declaration(state: DiagnosisState, world: int) -> str:
     """What was declared last, in words."""
     thruster, mode = state.declared[world]
     return f"thruster {thruster} {MODES[mode]}" if thruster > 0 else "no fault"
+
+
+def _pulse_curves(task: PulseDiagnosis, state: PulseState, world: int) -> tuple[Curve, ...]:
+    """Voltage and current of the last pulse beside those of a nominal one."""
+    discharge, numbers, samples = task.discharge, task.sample_numbers, task.samples
+    nominal, measured = pulse_waveforms(discharge), state.measured[world]
+    time, volts, amperes = 1e6 * nominal.time[numbers], discharge.voltage, peak_current(discharge)
+    current = amperes * measured[samples : 2 * samples]
+    return tuple(
+        Curve(label=label, time_label="time, µs", time=time, expected=expected, measured=found)
+        for label, expected, found in (
+            ("voltage, V", nominal.voltage[numbers], volts * measured[:samples]),
+            ("current, kA", 1e-3 * nominal.current[numbers], 1e-3 * current),
+        )
+    )
 
 
 def _rate_bars(state: MappingState, world: int) -> tuple[tuple[str, float, float], ...]:
