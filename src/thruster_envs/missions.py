@@ -33,17 +33,16 @@ from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, dischar
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.attitude_flight import fly_whole, shares_of_firings
-from thruster_envs.tasks.attitude_pilot import AttitudePilot
+from thruster_envs.tasks.attitude_pilot import AttitudePilot, turned
 from thruster_envs.tasks.contract import check_whole
+from thruster_envs.tasks.formation_attitude import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT
 from thruster_envs.views.worlds import checked_seed
 
 FloatArray = NDArray[np.float64]
 
-#: Requirements of Valdes 2008, Table 5.VI: error of each component of the vector part of the quaternion, of
-#: each rate in rad/s, and time by which they must be met for good, s.
-ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT = 6e-3, 6e-5, 1000.0
-#: The Hamilton product on arrays.
+#: The kernels' arithmetic on arrays.
 _product: Callable[[Any, Any], tuple[FloatArray, ...]] = quaternion_product.py_func
+_turned: Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]] = turned.py_func
 _conjugate: Callable[[FloatArray], tuple[FloatArray, ...]] = conjugate.py_func
 #: Missions that one call of the compiled loop flies together.
 _TOGETHER = 64
@@ -64,15 +63,8 @@ def attitude_of(roll_pitch_yaw: ArrayLike, *, degrees: bool = False) -> FloatArr
     [0.9093, -0.0704, -0.2969, -0.2831]
     """
     angles = np.asarray(roll_pitch_yaw, dtype=np.float64)
-    half = 0.5 * (np.radians(angles) if degrees else angles)
-    zero = np.zeros_like(half[..., 0])
-
-    def about(axis: int) -> tuple[FloatArray, ...]:
-        parts = [np.cos(half[..., axis]), zero, zero, zero]
-        parts[1 + axis] = -np.sin(half[..., axis])
-        return tuple(parts)
-
-    q = np.stack(_product(about(0), _product(about(1), about(2))), axis=-1)
+    half = np.moveaxis(0.5 * (np.radians(angles) if degrees else angles), -1, 0)
+    q = np.stack(_turned(np.cos(half), np.sin(half)), axis=-1)
     return np.asarray(np.where(q[..., :1] < 0.0, -q, q))
 
 
@@ -323,7 +315,7 @@ def _aims(targets: ArrayLike, degrees: bool, craft: int) -> FloatArray:
         length = np.linalg.norm(given, axis=-1, keepdims=True)
         if np.abs(length - 1.0).max() > 1e-3:
             raise ValueError(f"a target has the length {length.max():g}; unit quaternions would be right")
-        attitudes = given / length
+        attitudes = np.where(np.abs(length - 1.0) < 1e-12, given, given / length)
     else:
         attitudes = attitude_of(given, degrees=degrees)
     while attitudes.ndim < 3:

@@ -133,6 +133,18 @@ def relative_motion(data, row, world, c, craft):
 
 
 @njit(forceinline=True)
+def turned(cosines, sines):
+    """Attitude after turns by yaw about z, then pitch about y, then roll about x.
+
+    Of half of roll, pitch and yaw, in this order, the cosines and sines are given.
+    """
+    return quaternion_product(
+        (cosines[0], -sines[0], 0.0, 0.0),
+        quaternion_product((cosines[1], 0.0, -sines[1], 0.0), (cosines[2], 0.0, 0.0, -sines[2])),
+    )
+
+
+@njit(forceinline=True)
 def error_quaternion(q, target):
     """Attitude from where it should be, the shorter way round."""
     e = quaternion_product(q, conjugate(target))

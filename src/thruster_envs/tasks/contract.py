@@ -153,8 +153,13 @@ class Task(ABC):
 
     @property
     def number_of_craft(self) -> int:
-        """Craft in a world; the first ``len(agents)`` of them are commanded."""
+        """Craft in a world; ``len(agents)`` of them are commanded."""
         return 1
+
+    @property
+    def first_commanded(self) -> int:
+        """Which craft, from 0, is the first that is commanded; the others that are come right after it."""
+        return 0
 
     @cached_property
     def agents(self) -> tuple[str, ...]:

@@ -69,7 +69,8 @@ class Worlds:
         self.state = task.create(number, threads)
         self.fleet = self.state.fleet
         self.faults = self.fleet.plan(task.fault_source())
-        self._told = _told(self.fleet.fault_rows()[:, : len(task.agents)])
+        self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
+        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -99,7 +100,7 @@ class Worlds:
         self.steps[which] = 0
         self.fleet.begin(which, self.keys, self.episodes, plan)
         self.task.reset(self.state, which)
-        self._told = _told(self.fleet.fault_rows()[:, : self._shape[1]])
+        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
@@ -195,7 +196,7 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded = bool(saved["seeded"])
-        self._told = _told(self.fleet.fault_rows()[:, : self._shape[1]])
+        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
 
 
 class _Told(NamedTuple):
