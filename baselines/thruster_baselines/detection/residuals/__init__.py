@@ -15,6 +15,7 @@ from thruster_baselines.detection.residuals.design import (
     relative_motion,
 )
 from thruster_baselines.detection.residuals.flights import NavigationFlights, Watched, watch
+from thruster_baselines.detection.residuals.fusion import FUSION_KINDS, FusionDetector
 from thruster_baselines.detection.residuals.generator import ResidualGenerator
 from thruster_baselines.detection.residuals.norm_threshold import (
     NormThreshold,
@@ -24,10 +25,12 @@ from thruster_baselines.detection.residuals.norm_threshold import (
 from thruster_baselines.detection.residuals.signature import SignatureDetector
 
 __all__ = [
+    "FUSION_KINDS",
     "BaseNavigationDetector",
     "CorrelationDetector",
     "Decoupling",
     "DelayModel",
+    "FusionDetector",
     "NavigationFlights",
     "NormThreshold",
     "ResidualDesign",
