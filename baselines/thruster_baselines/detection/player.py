@@ -4,10 +4,10 @@
 it fails is asked of the model comparison (Yang 2003, section 5.3.1), over all periods and not over one: for
 each thruster and each model the log-likelihood ratio against no fault is added up from period to period, and
 begins anew where it falls below zero, since nobody knows the onset (Page 1954). From the first alarm on, the
-hypothesis with the largest sum is declared. Where a kind has several models, for losses of several sizes or
-tilts to several sides, each of them has its share of the kind's prior probability.
-In `ActiveDiagnosis-v0` it fires the shortest test pulse of one thruster after the other, as long as the
-budget lasts.
+hypothesis with the largest sum is declared, until none is left that is twenty times as likely as no fault.
+Where a kind has several models, for losses of several sizes or tilts to several sides, each of them has its
+share of the kind's prior probability. In `ActiveDiagnosis-v0` it fires the shortest test pulse of one
+thruster after the other, as long as the budget lasts.
 
 `PlayerDetector` is for the yardstick (`thruster_baselines.detection.evaluate`): a policy, learned or not,
 that was made for `FaultDiagnosis-v0` is asked what it declares in flights that were recorded with their
@@ -20,6 +20,7 @@ Left out: several faulty thrusters, faults that heal, that a wrong name costs mo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -126,7 +127,9 @@ class DetectorPlayer:
 
     def _actions(self) -> IntArray:
         worlds, n, models = self._sums.shape
-        likeliest = (self._sums + self._prior).reshape(worlds, -1).argmax(axis=1)
+        evidence = (self._sums + self._prior).reshape(worlds, -1)
+        likeliest = evidence.argmax(axis=1)
+        self._alarmed &= evidence.max(axis=1) >= _LEAST_EVIDENCE
         thruster, model = likeliest // models, likeliest % models
         actions = np.zeros((worlds, self._entries), np.int64)
         declares = self._alarmed & (model > 0)
@@ -217,6 +220,8 @@ class PlayerDetector:
 
 
 _DECLARED = ("whether each thruster was declared last", "whether each mode was declared last")
+
+_LEAST_EVIDENCE = math.log(20.0)
 
 _THRESHOLD = 8.0
 """Of the cumulative sums: what 500 healthy validation flights of `FaultDiagnosis-v0` show to be exceeded in
