@@ -15,13 +15,18 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(README), "exec"), names)  # the user's paste
     printed = capsys.readouterr().out
     assert "4.5" in printed
     assert "4.065" in printed
+    assert (
+        "[5]\nthe rate change of vehicle 0, velocity x, is nan; a finite number of m/s would be right"
+        in printed
+    )
+    assert float(printed.split()[-1]) > 0.8
 
 
 def test_it_states_the_score_that_training_is_held_to():
