@@ -14,11 +14,10 @@ from __future__ import annotations
 from typing import Any
 
 import pettingzoo
-from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.utils.conversions import parallel_to_aec
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from thruster_envs.views.parallel import FormationParallelEnv
+from thruster_envs.views.parallel import FormationParallelEnv, register_parallel
 
 __all__ = ["env", "parallel_env", "raw_env"]
 
@@ -41,7 +40,4 @@ def env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:
     return OrderEnforcingWrapper(raw_env(**kwargs))
 
 
-_FORMS = (("parallel", parallel_registry, "parallel_env"), ("aec", aec_registry, "env"))
-for _type, _registry, _maker in _FORMS:
-    if ID not in _registry:
-        pettingzoo.register(_type, ID, entry_point=f"{__name__}:{_maker}")
+register_parallel(ID, __name__)

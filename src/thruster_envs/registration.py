@@ -11,6 +11,7 @@ ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
     "thruster_envs/ThrusterMapping-v0": ("ThrusterMapping", 32),
     "thruster_envs/OrionRendezvous-v0": ("OrionRendezvous", None),
     "thruster_envs/FormationKeeping-v0": ("FormationKeeping", 120),
+    "thruster_envs/FormationAttitude-v0": ("FormationAttitude", 3000),
     "thruster_envs/FaultDiagnosis-v0": ("FaultDiagnosis", 120),
     "thruster_envs/ActiveDiagnosis-v0": ("ActiveDiagnosis", 120),
     "thruster_envs/PulseDiagnosis-v0": ("PulseDiagnosis", 64),

@@ -32,7 +32,9 @@ class CurvesView:
             values = np.concatenate((curve.expected, curve.measured))
             low, high = float(values.min()), float(values.max())
             horizontal = round_limits(float(curve.time[0]), float(curve.time[-1]), width / (4.2 * small))
-            vertical = round_limits(low, max(high, low + 1e-9), max(2.0, height / (1.9 * small)))
+            vertical = round_limits(
+                low, high if high - low > 1e-9 else low + 1.0, max(2.0, height / (1.9 * small))
+            )
             below = curve.time_label if number == len(shown) - 1 else ""
             draw_axes(canvas, self._layout, box, horizontal, vertical, curve.label, below)
             across = left + width * (curve.time - horizontal[0]) / (horizontal[1] - horizontal[0])

@@ -3,6 +3,7 @@
 from thruster_envs.tasks.active_diagnosis import ActiveDiagnosis
 from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Truth
 from thruster_envs.tasks.fault_diagnosis import FaultDiagnosis
+from thruster_envs.tasks.formation_attitude import FormationAttitude
 from thruster_envs.tasks.formation_keeping import FormationKeeping
 from thruster_envs.tasks.orion_rendezvous import OrionRendezvous
 from thruster_envs.tasks.pulse_diagnosis import PulseDiagnosis
@@ -12,6 +13,7 @@ __all__ = [
     "ActiveDiagnosis",
     "FaultDiagnosis",
     "Feature",
+    "FormationAttitude",
     "FormationKeeping",
     "OrionRendezvous",
     "Outcome",

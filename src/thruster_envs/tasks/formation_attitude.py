@@ -203,8 +203,8 @@ class FormationAttitude(Task):
             return ()
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("true impulse of each thruster when asked to fire", n, 2.0, "nominal impulse", 0.0),
-            Feature("true impulse of each thruster when not asked", n, 2.0, "nominal impulse", 0.0),
+            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse", 0.0),
+            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse", 0.0),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
@@ -298,6 +298,13 @@ class FormationAttitude(Task):
     def _account(self, state: FormationAttitudeState) -> FloatArray:
         """Those of the commanded craft, a view."""
         return state.account[:, self.first_commanded :][:, : len(self.agents)]
+
+
+def turn_of(state: FormationAttitudeState, world: int, craft: int) -> tuple[float, float, float]:
+    """How far a craft (from 0) has turned from the leader, how far it should, in rad; its rate, rad/s."""
+    q, rate = relative_motion(state.fleet.data, at.ATTITUDE, world, craft, state.targets.shape[1])
+    target = float(state.targets[world, craft, 0])
+    return 2.0 * math.acos(min(abs(q[0]), 1.0)), 2.0 * math.acos(min(target, 1.0)), math.hypot(*rate)
 
 
 @njit
@@ -469,6 +476,6 @@ def _observe(
                 time = data[b, at.STEP, w] * limits[_PERIOD]
                 pulse.pulse_health(faults[b, w], time, vehicle, health)
                 for i in range(n):
-                    floor, gain = health[pulse.FLOOR, i], health[pulse.GAIN, i]
-                    row[column + i] = bounded(gain * (floor + health[pulse.SLOPE, i]), 2.0)
-                    row[column + n + i] = bounded(gain * floor, 2.0)
+                    gain = health[pulse.GAIN, i]
+                    row[column + i] = bounded(gain * health[pulse.SLOPE, i], 2.0)
+                    row[column + n + i] = bounded(gain * health[pulse.FLOOR, i], 2.0)

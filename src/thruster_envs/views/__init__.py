@@ -11,11 +11,13 @@ from thruster_envs.views.actions import BeliefAction, MapperAction, VectorBelief
 _LAZY = {
     "SB3VecEnv": "thruster_envs.views.sb3",
     "SharedPolicyVecEnv": "thruster_envs.views.sb3",
+    "FormationAttitudeParallelEnv": "thruster_envs.views.parallel",
     "FormationParallelEnv": "thruster_envs.views.parallel",
 }
 
 __all__ = [
     "BeliefAction",
+    "FormationAttitudeParallelEnv",
     "FormationParallelEnv",
     "MapperAction",
     "SB3VecEnv",

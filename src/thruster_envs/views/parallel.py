@@ -1,17 +1,19 @@
-"""A world's craft as the agents of a PettingZoo ``ParallelEnv``."""
+"""A world's craft as the agents of a PettingZoo ``ParallelEnv``, and the environments of that form."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
 import numpy as np
+import pettingzoo
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
+from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
-from thruster_envs.tasks import FormationKeeping
+from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.scenes import RENDER_MODES, Camera
-from thruster_envs.views.single import checked_render_mode, make_task
+from thruster_envs.views.single import checked_render_mode, make_task, of_one_agent
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import Step, Worlds, checked_seed
 
@@ -19,7 +21,122 @@ Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # untyped
+class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # untyped
+    """One world of a task whose craft are agents; subclasses name the task.
+
+    Args:
+        max_cycles: Time limit in periods; None takes the task's own.
+        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        **configuration: Fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": list(RENDER_MODES),
+        "is_parallelizable": True,
+        "render_fps": 20,
+    }
+    task_type: ClassVar[type[Task]]
+
+    def __init__(
+        self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
+    ) -> None:
+        self.task = make_task(self.task_type, configuration, {}, ("max_cycles", "render_mode"))
+        self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
+        self.render_mode = checked_render_mode(render_mode)
+        self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)
+        self.possible_agents = list(self.task.agents)
+        self.agents: list[str] = []
+        self.observation_spaces = {agent: observation_space(self.task) for agent in self.possible_agents}
+        self.action_spaces = {agent: action_space(self.task) for agent in self.possible_agents}
+        box = self.observation_spaces[self.possible_agents[0]]
+        self.state_space = spaces.Box(
+            np.tile(box.low, len(self.possible_agents)),
+            np.tile(box.high, len(self.possible_agents)),
+            dtype=np.float32,
+        )
+        self._generator = np.random.default_rng()
+        self._camera = Camera(self.worlds, 0, self.task_type.__name__)
+
+    def observation_space(self, agent: str) -> spaces.Box:
+        """The same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin an episode with every agent; ``options={"faults": ...}`` gives it faults of its own."""
+        if seed is not None or not self.worlds.seeded:
+            fresh = checked_seed(seed) if seed is not None else int(self._generator.integers(2**63))
+            self.worlds.seed(_ONE, [fresh])
+        self.worlds.reset(_ONE, options)
+        self.agents = list(self.possible_agents)
+        self._camera.watch(begins=True, mode=self.render_mode)
+        return self._by_agent(self.worlds.observe()[0]), self._infos(None)
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Let one control period pass; all agents end together."""
+        if not self.agents:
+            raise ValueError("the episode is over or has not begun; call reset() before step()")
+        missing = [agent for agent in self.agents if agent not in actions]
+        if missing:
+            raise ValueError(
+                f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
+            )
+        self.worlds.max_episode_steps = self.max_cycles
+        step = self.worlds.step(np.stack([np.asarray(actions[agent]) for agent in self.agents])[np.newaxis])
+        self._camera.watch(begins=False, mode=self.render_mode)
+        agents = self.agents
+        rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
+        terminations = {agent: bool(step.terminated[0]) for agent in agents}
+        truncations = {agent: bool(step.truncated[0]) for agent in agents}
+        observations, infos = self._by_agent(step.observations[0]), self._infos(step)
+        if step.done[0]:
+            self.agents = []
+        return observations, rewards, terminations, truncations, infos
+
+    def _by_agent(self, rows: Observation) -> dict[str, Observation]:
+        return {agent: rows[k].copy() for k, agent in enumerate(self.agents)}
+
+    def _infos(self, step: Step | None) -> dict[str, dict[str, Any]]:
+        info = self.worlds.info(step)
+        return {agent: of_one_agent(info, k) for k, agent in enumerate(self.agents)}
+
+    def state(self) -> Observation:
+        """The observations of all agents, one after another."""
+        return np.ravel(self.worlds.observe()[0])
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of the formation now, in the mode ``rgb_array``."""
+        if self.render_mode == "rgb_array":
+            return self._camera.frame()
+        if self.render_mode == "human":
+            self._camera.show()
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._camera.close()
+
+
+def register_parallel(identifier: str, module: str) -> None:
+    """Register the two makers of a module with PettingZoo, unless its tables have that id already."""
+    for form, registry, maker in (
+        ("parallel", parallel_registry, "parallel_env"),
+        ("aec", aec_registry, "env"),
+    ):
+        if identifier not in registry:
+            pettingzoo.register(form, identifier, entry_point=f"{module}:{maker}")
+
+
+class FormationParallelEnv(TaskParallelEnv):
     """Keep a formation of craft in its slots, every craft an agent of its own.
 
     ## Description
@@ -120,107 +237,137 @@ class FormationParallelEnv(ParallelEnv[str, Observation, Observation]):  # type:
     - v0: initial version
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "formation_keeping_v0",
-        "render_modes": list(RENDER_MODES),
-        "is_parallelizable": True,
-        "render_fps": 20,
-    }
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_keeping_v0"}
+    task_type: ClassVar[type[Task]] = FormationKeeping
 
-    def __init__(
-        self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
-    ) -> None:
-        self.task = make_task(FormationKeeping, configuration, {}, ("max_cycles", "render_mode"))
-        self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
-        self.render_mode = checked_render_mode(render_mode)
-        self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)
-        self.possible_agents = list(self.task.agents)
-        self.agents: list[str] = []
-        self.observation_spaces = {agent: observation_space(self.task) for agent in self.possible_agents}
-        self.action_spaces = {agent: action_space(self.task) for agent in self.possible_agents}
-        box = self.observation_spaces[self.possible_agents[0]]
-        self.state_space = spaces.Box(
-            np.tile(box.low, len(self.possible_agents)),
-            np.tile(box.high, len(self.possible_agents)),
-            dtype=np.float32,
-        )
-        self._generator = np.random.default_rng()
-        self._camera = Camera(self.worlds, 0, "FormationKeeping")
 
-    def observation_space(self, agent: str) -> spaces.Box:
-        """The same object at every call."""
-        return self.observation_spaces[agent]
+class FormationAttitudeParallelEnv(TaskParallelEnv):
+    """Turn a formation of craft to their attitudes by pulses, every follower an agent of its own.
 
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """The same object at every call."""
-        return self.action_spaces[agent]
+    ## Description
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Begin an episode with every agent; ``options={"faults": ...}`` gives it faults of its own."""
-        if seed is not None or not self.worlds.seeded:
-            fresh = checked_seed(seed) if seed is not None else int(self._generator.integers(2**63))
-            self.worlds.seed(_ONE, [fresh])
-        self.worlds.reset(_ONE, options)
-        self.agents = list(self.possible_agents)
-        self._camera.watch(begins=True, mode=self.render_mode)
-        return self._by_agent(self.worlds.observe()[0]), self._infos(None)
+    Cubesats with three pairs of pulsed plasma thrusters, a leader and its followers (Valdes 2008, chapters 5
+    and 6; attitude alone). The leader holds its attitude; each follower turns from it by some 55 to 80
+    degrees and holds that. A thruster fires at most once in a period of 1 s, with 0.1 mN for 16 ms; the two
+    of a pair share a capacitor and never fire together. The requirements are those of the source: each
+    component of the quaternion's error below 0.006 before 1000 s have passed and at the end, each relative
+    rate below 6e-5 rad/s at the end. The gravity gradient and a small constant torque disturb. Discharges can
+    fail in ways of their own, beside those of every thruster.
 
-    def step(
-        self, actions: dict[str, Any]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
-        """Let one control period pass; all agents end together."""
-        if not self.agents:
-            raise ValueError("the episode is over or has not begun; call reset() before step()")
-        missing = [agent for agent in self.agents if agent not in actions]
-        if missing:
-            raise ValueError(
-                f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
-            )
-        self.worlds.max_episode_steps = self.max_cycles
-        step = self.worlds.step(np.stack([np.asarray(actions[agent]) for agent in self.agents])[np.newaxis])
-        self._camera.watch(begins=False, mode=self.render_mode)
-        agents = self.agents
-        rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
-        terminations = {agent: bool(step.terminated[0]) for agent in agents}
-        truncations = {agent: bool(step.truncated[0]) for agent in agents}
-        observations, infos = self._by_agent(step.observations[0]), self._infos(step)
-        if step.done[0]:
-            self.agents = []
-        return observations, rewards, terminations, truncations, infos
+    The agents are called `follower_1`, `follower_2`, ...; with `command_leader=True` the first is `leader`.
+    All of them stay until the episode ends, for all at once. Single-agent form:
+    `thruster_envs/FormationAttitude-v0` in Gymnasium. Importing :mod:`thruster_envs.formation_attitude_v0`
+    registers it with PettingZoo.
 
-    def _by_agent(self, rows: Observation) -> dict[str, Observation]:
-        return {agent: rows[k].copy() for k, agent in enumerate(self.agents)}
+    ## Action Space
 
-    def _infos(self, step: Step | None) -> dict[str, dict[str, Any]]:
-        info = self.worlds.info(step)
-        return {
-            agent: {
-                "reward_terms": {name: float(values[0, k]) for name, values in info["reward_terms"].items()},
-                "cost": float(info["cost"][0, k]),
-                "fault": {name: values[0, k].copy() for name, values in info["fault"].items()},
-                "fuel": float(info["fuel"][0, k]),
-                "score": float(info["score"][0, k]),
-                "success": bool(info["success"][0, k]),
-            }
-            for k, agent in enumerate(self.agents)
-        }
+    `MultiDiscrete([3, 3, 3])` for each agent, a pulse about each axis in the coming period.
 
-    def state(self) -> Observation:
-        """The observations of all agents, one after another."""
-        return np.ravel(self.worlds.observe()[0])
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-2 | about x, y and z: 0 no pulse, 1 a pulse forwards, 2 a pulse backwards | 0 | 2 | 1 |
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the formation now, in the mode ``rgb_array``."""
-        if self.render_mode == "rgb_array":
-            return self._camera.frame()
-        if self.render_mode == "human":
-            self._camera.show()
-        return None
+    With `action="duties"` it is `Box(-1, 1, (6,), float32)`: for each thruster a share, from -1 for none to 1
+    for all, of the one pulse that there can be in a period. Shares are added up; a thruster fires when it is
+    owed a whole pulse, and of two on one capacitor the one that is owed more. The observation then also has,
+    before what a fault does, the share of a pulse that each thruster is owed (0 to 2).
 
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self._camera.close()
+    ## Observation Space
+
+    `Box(..., (21,), float32)` for each agent. Quaternions are scalar first and not negative, of the
+    body *from* what it is compared with. The leader, where it is an agent, takes the frame it started in for
+    the leader. Values beyond a bound are clipped.
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-3 | measured attitude from the target, as a quaternion | -1 | 1 | 1 |
+    | 4-6 | measured attitude error | -1 | 1 | 0.05 rad |
+    | 7-9 | measured rate relative to the leader | -5 | 5 | 0.001 rad/s |
+    | 10-13 | target from the leader, as a quaternion | -1 | 1 | 1 |
+    | 14-19 | whether each thruster was asked to fire last | 0 | 1 | 1 |
+    | 20 | own fuel over the formation's mean, less one | -1 | 5 | 1 |
+
+    With `observe_fault=True` there follow, for each thruster:
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 21-26 | true impulse that asking each thruster adds | 0 | 2 | nominal impulse |
+    | 27-32 | true impulse of each thruster unasked | 0 | 2 | nominal impulse |
+
+    `state()` is the observations of all agents, one after another.
+
+    ## Rewards
+
+    For each agent:
+
+    - `pointing`: - a / (a + 0.05 rad), with the angle a from the target
+    - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
+      most 1
+    - `pulses`: - `pulse_price` times the pulses of the period, over 3
+
+    ## Starting State
+
+    All craft at rest and aligned with each other. The target of each follower is drawn: roll from 20 to 35
+    degrees, pitch from 30 to 50, yaw from 40 to 60. The leader's is to stay. No faults unless `faults` says
+    so.
+
+    ## Episode End
+
+    Terminates for all when any craft turns faster than 0.05 rad/s. Truncated for all after `max_cycles`
+    periods.
+
+    ## Information
+
+    For each agent, the same keys as in the Gymnasium environments:
+
+    - `reward_terms`: the terms above by name; they sum to the reward.
+    - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
+    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+    - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
+    - `score`: half for the share of the turn that is done, half for the share of the six requirements met
+      now; 0 where a craft is lost.
+    - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
+    - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
+      `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
+      where it is not.
+
+    ## Arguments
+
+    - `max_cycles`: time limit in periods, 3000 by default, as long as the missions of the source. For
+      learning, 1200 keep what matters, the turn and its settling.
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, with a
+      discharge and a thruster for each way about each axis.
+    - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
+      mappings. `reset(options={"faults": ...})` gives one episode its own. Craft 1 is the leader, craft 2
+      follower 1.
+    - `observe_fault`: whether the truth about the own faults is added to the observation.
+    - `fault_slots`: faults that each craft can have in an episode, 4 by default.
+    - `craft`: number of craft, 2 to 16, the leader among them.
+    - `command_leader`: whether the leader is an agent too. `commanded`: how many craft are agents, counted
+      from the first follower, or from the leader if it is one; the others fly by the law.
+    - `action`: `"pulses"` or `"duties"`, as above.
+    - `roll_degrees`, `pitch_degrees`, `yaw_degrees`: ranges of the angles of targets.
+    - `retarget_interval`: control periods after which all followers get new targets; None for never.
+    - `gravity_gradient`: whether it acts. `bias_torque`: a constant torque on every craft, N m, body axes.
+      `fault_bias`: torque that comes with a fault of a discharge, N m: for one that takes thrust, and for one
+      that adds some.
+    - `rate_soft_limit`: body rate from which on `cost` counts; `rate_limit`: at which a craft is lost, rad/s.
+    - `balance_price`, `pulse_price`: see Rewards.
+    - `max_substep`: longest integration sub-step, s; None for 1 s. `nonlinear`: without effect, nothing
+      moves.
+    - `render_mode`: None, `"rgb_array"` or `"human"`.
+
+    >>> env = FormationAttitudeParallelEnv(faults=[{"craft": 3, "thruster": 5, "kind": "propellant_loss",
+    ...                                             "severity": 0.9}])
+    >>> observations, infos = env.reset(seed=0)
+    >>> {agent: int(infos[agent]["fault"]["thruster"][0]) for agent in env.agents}
+    {'follower_1': 0, 'follower_2': 5}
+
+    ## Version History
+
+    - v0: initial version
+    """
+
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v0"}
+    task_type: ClassVar[type[Task]] = FormationAttitude

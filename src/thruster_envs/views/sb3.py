@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from thruster_envs.tasks import FormationKeeping
+from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.single import make_task
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.vector import TaskVectorEnv
@@ -140,7 +140,9 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         num_worlds: Number of formations.
         max_episode_steps: Time limit; None takes the task's own.
         threads: Threads that share a step; None chooses.
-        **configuration: Fields of :class:`~thruster_envs.tasks.FormationKeeping`.
+        task_type: Of which task, :class:`~thruster_envs.tasks.FormationKeeping` or
+            :class:`~thruster_envs.tasks.FormationAttitude`.
+        **configuration: Fields of the task's configuration.
     """
 
     def __init__(
@@ -149,10 +151,11 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         *,
         max_episode_steps: int | None = None,
         threads: int | None = None,
+        task_type: type[Task] = FormationKeeping,
         **configuration: Any,
     ) -> None:
         self.task = make_task(
-            FormationKeeping, configuration, {}, ("num_worlds", "max_episode_steps", "threads")
+            task_type, configuration, {}, ("num_worlds", "max_episode_steps", "threads", "task_type")
         )
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_worlds, max_episode_steps=limit, threads=threads)

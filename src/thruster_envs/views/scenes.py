@@ -10,6 +10,7 @@ from thruster_envs.physics import layout as at
 from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
 from thruster_envs.tasks.fault_diagnosis import DiagnosisState
+from thruster_envs.tasks.formation_attitude import FormationAttitudeState, turn_of
 from thruster_envs.tasks.formation_keeping import FormationState
 from thruster_envs.tasks.pulse_diagnosis import CASES, PulseDiagnosis, PulseState, peak_current
 from thruster_envs.tasks.thruster_mapping import MappingState
@@ -17,6 +18,8 @@ from thruster_envs.views.worlds import Worlds
 
 #: Modes that every environment can be rendered in.
 RENDER_MODES = ("rgb_array", "human")
+#: Dots of a curve at most; a second in the first column.
+_MOST_DOTS, _SECOND = 150, np.array([[0.0] * 4, [1.0, 0.0, 0.0, 0.0]])
 
 
 class Camera:
@@ -31,6 +34,7 @@ class Camera:
     def __init__(self, worlds: Worlds, world: int, title: str) -> None:
         self.worlds, self.world, self.title = worlds, world, title
         self._path: list[NDArray[np.float64]] = []
+        self._turn: list[tuple[float, ...]] = []
         self._renderer: Renderer | None = None
 
     def watch(self, *, begins: bool, mode: str | None) -> None:
@@ -47,11 +51,16 @@ class Camera:
     def begin(self) -> None:
         """A new episode: forget the path."""
         self._path.clear()
+        self._turn.clear()
         self.follow()
 
     def follow(self) -> None:
-        """Add where the craft are now to the path."""
+        """Add where the craft are now to the path, and how far the first agent's has turned."""
         self._path.append(self.worlds.fleet.read(at.POSITION, 3)[self.world])
+        if isinstance(self.worlds.state, FormationAttitudeState):
+            time = float(self.worlds.steps[self.world]) * self.worlds.task.vehicle.control_period
+            first = self.worlds.task.first_commanded
+            self._turn.append((time, *turn_of(self.worlds.state, self.world, first)))
 
     def frame(self) -> NDArray[np.uint8]:
         """(height, width, 3) picture of the world now."""
@@ -86,7 +95,9 @@ class Camera:
             if isinstance(worlds.state, (FormationState, DiagnosisState))
             else np.zeros((fleet.craft, 3))
         )
-        firing = task.discharge.firing_time if isinstance(task, PulseDiagnosis) else period
+        discharge = task.vehicle.discharge
+        firing = period if discharge is None else discharge.firing_time
+        own = task.first_commanded
         craft = tuple(
             CraftScene(
                 position=fleet.read(at.POSITION, 3)[world, c],
@@ -98,7 +109,7 @@ class Camera:
                 target=slots[c],
                 name=f"craft {c + 1}" if fleet.craft > 1 else "",
             )
-            for c in range(fleet.craft)
+            for c in (*range(own, fleet.craft), *range(own))  # the first agent's is drawn large
         )
         readouts = [
             ("fuel", f"{info['fuel'][world].sum():.0f} thruster-s"),
@@ -106,11 +117,16 @@ class Camera:
         ]
         bars: tuple[tuple[str, float, float], ...] = ()
         curves: tuple[Curve, ...] = ()
+        curves_name = ""
         if isinstance(worlds.state, MappingState):
             bars = _rate_bars(worlds.state, world)
+        elif isinstance(worlds.state, FormationAttitudeState):
+            curves, curves_name = _turn_curves(np.array(self._turn)), f"{craft[0].name}, from the leader"
+            angle = np.degrees(info["attitude"]["error"][world, 0])
+            readouts.insert(0, ("error", f"{angle:.2f}°"))
         elif isinstance(worlds.state, PulseState):
             assert isinstance(task, PulseDiagnosis)  # whose state it is
-            curves = _pulse_curves(task, worlds.state, world)
+            curves, curves_name = _pulse_curves(task, worlds.state, world), "last pulse"
             truth = CASES[worlds.state.case[world]].replace("_", " ")
             declared = CASES[worlds.state.declared[world]].replace("_", " ")
             thrust = f"{100.0 * info['diagnosis']['thrust'][world, 0]:.0f} %"
@@ -129,7 +145,7 @@ class Camera:
             readouts=tuple(readouts),
             bars=bars,
             curves=curves,
-            curves_name="last pulse" if curves else "",
+            curves_name=curves_name,
         )
 
 
@@ -152,6 +168,21 @@ def _pulse_curves(task: PulseDiagnosis, state: PulseState, world: int) -> tuple[
             ("current, kA", 1e-3 * nominal.current[numbers], 1e-3 * current),
         )
     )
+
+
+def _turn_curves(turn: NDArray[np.float64]) -> tuple[Curve, ...]:
+    """Angle and rate of the first agent's craft from the leader since the start, and what they should be."""
+    few = turn[:: -(-len(turn) // _MOST_DOTS)] if len(turn) > 1 else np.tile(turn, (2, 1)) + _SECOND
+    time, angle, target, rate = few.T
+    return (
+        Curve(
+            label="turned, deg", time_label="time, s", time=time, expected=np.degrees(target),
+            measured=np.degrees(angle),
+        ),
+        Curve(
+            label="rate, mrad/s", time_label="time, s", time=time, expected=0.0 * rate, measured=1e3 * rate
+        ),
+    )  # fmt: skip
 
 
 def _rate_bars(state: MappingState, world: int) -> tuple[tuple[str, float, float], ...]:

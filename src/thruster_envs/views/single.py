@@ -67,7 +67,7 @@ class TaskEnv(gym.Env[Observation, Any]):
         )
 
     def _info(self, step: Step | None) -> dict[str, Any]:
-        return _of_the_one(self.worlds.info(step))
+        return of_one_agent(self.worlds.info(step), 0)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""
@@ -85,14 +85,14 @@ class TaskEnv(gym.Env[Observation, Any]):
         self._camera.close()
 
 
-def _of_the_one(info: dict[str, Any]) -> dict[str, Any]:
-    """What the info of a batch says of its only agent: plain numbers, and arrays over the fault slots."""
+def of_one_agent(info: dict[str, Any], agent: int) -> dict[str, Any]:
+    """What the info of a batch of one says of an agent: plain numbers, and arrays over the fault slots."""
     result: dict[str, Any] = {}
     for key, value in info.items():
         if isinstance(value, dict):
-            result[key] = _of_the_one(value)
+            result[key] = of_one_agent(value, agent)
         else:
-            result[key] = value.item() if value.ndim == 2 else value[0, 0]
+            result[key] = value.item(agent) if value.ndim == 2 else value[0, agent].copy()
     return result
 
 
