@@ -9,8 +9,9 @@ entry of the log reads as a line.
 The threshold follows from the stated rate of false alarms. With physically scaled noise each likelihood ratio
 of a healthy craft is chi-squared with one degree of freedom, and it takes the largest of one for each
 thruster: `chi_squared_threshold` with so many tests. That bounds the rate whatever fires. While nothing does,
-the sign gate halves what can be exceeded, and the true rate is half of the stated one. An alarm is not yet a
-name: most of them blame nobody clearly, or a fault that no model explains better than none, and are cleared.
+the sign gate halves what can be exceeded, and the rate is at most half of the stated one. An alarm is not
+yet a name: most of them blame nobody clearly, or a fault that no model explains better than none, and are
+cleared.
 
 Beyond the source, because attitude is flown here:
 
