@@ -10,7 +10,7 @@ import numpy as np
 import pygame
 import pytest
 
-from thruster_envs.rendering import CraftScene, Renderer, Scene
+from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
 from thruster_envs.rendering.canvas import DELIVERED, FAILED
 from thruster_envs.spacecraft import load
 
@@ -98,6 +98,29 @@ def test_the_same_scene_gives_the_same_bytes_whatever_was_drawn_before(renderer)
     renderer.frame(scene(craft(failed=(2,)), craft(position=np.array([5.0, 6.0, 7.0])), time=1.0))
     np.testing.assert_array_equal(renderer.frame(scene()), first)
     np.testing.assert_array_equal(Renderer().frame(scene()), first)
+
+
+def test_curves_stand_in_place_of_the_path_and_show_where_the_measured_leaves_the_expected(renderer):
+    time = np.linspace(0.0, 10.0, 40)
+
+    def curves(measured):
+        return tuple(
+            Curve(label=label, time_label="time, s", time=time, expected=np.sin(time), measured=measured)
+            for label in ("voltage, V", "current, A")
+        )
+
+    still = {"curves_name": "last pulse"}
+    path = renderer.frame(scene())
+    healthy = renderer.frame(scene(curves=curves(np.sin(time)), **still))
+    faulty = renderer.frame(scene(curves=curves(0.5 * np.sin(time)), **still))
+    left, right = slice(14, 436), slice(450, 946)
+    np.testing.assert_array_equal(healthy[60:400, left], path[60:400, left])
+    assert not np.array_equal(healthy[60:400, right], path[60:400, right])
+    upper, lower = (slice(92, 224), slice(236, 368))
+    for rows in (upper, lower):
+        assert pixels_near(healthy[rows, right], DELIVERED, 40).sum() > 40
+        assert np.count_nonzero(healthy[rows, right] != faulty[rows, right]) > 200
+    np.testing.assert_array_equal(renderer.frame(scene()), path)
 
 
 def test_red_green_and_blue_stand_in_that_order(renderer):

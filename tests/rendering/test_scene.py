@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thruster_envs.rendering import CraftScene, Scene
+from thruster_envs.rendering import CraftScene, Curve, Scene
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")
@@ -50,6 +50,26 @@ def test_a_scene_that_does_not_fit_is_refused(changes, message):
     values = {"spacecraft": ORION, "craft": (CraftScene(**GOOD),), "time": 0.0, "title": ""}
     with pytest.raises(ValueError, match=message):
         Scene(**(values | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"measured": np.zeros(4)}, r"Curve.measured has shape \(4,\), it must be \(5,\)"),
+        ({"expected": np.full(5, np.inf)}, "Curve.expected is .*inf.*finite"),
+        ({"time": np.zeros(1)}, r"Curve.time has shape \(1,\), it must be \(2,\)"),
+    ],
+)
+def test_a_curve_that_does_not_fit_is_refused(changes, message):
+    values = {
+        "label": "",
+        "time_label": "",
+        "time": np.arange(5.0),
+        "expected": np.zeros(5),
+        "measured": np.zeros(5),
+    }
+    with pytest.raises(ValueError, match=message):
+        Curve(**(values | changes))
 
 
 def test_a_craft_keeps_copies():
