@@ -92,7 +92,7 @@ _DELAYS = (1.0, 2.0, 3.0, 5.0, 8.0)
 """Further delays that identification tries, in periods."""
 
 _TIME_CONSTANTS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
-"""Time constants of a slow valve that identification tries, in periods; it is shut when it becomes slow."""
+"""Time constants of a slow valve that identification tries, in periods; it may be open as it becomes slow."""
 
 _PERSISTENCE = 10.0
 """How many samples the error of a wrong velocity counts for, since it is the same in all of them."""
@@ -469,9 +469,11 @@ def _identify(  # type: ignore[no-untyped-def]
     delays, constants, statistic, severity, first, last,
 ):  # fmt: skip
     kept = rates.shape[1]
-    rows = 2 + levels.size + lost_times.size + delays.size + constants.size
+    rows = 2 + levels.size + lost_times.size + delays.size + 2 * constants.size
+    closing = rows - constants.size  # of a slow valve that was open
+    overlap = np.empty(constants.size)
     signature, sums = np.empty((rows, 3)), np.empty((rows, 3))
-    slow = np.empty(constants.size)
+    slow, signed = np.empty(constants.size), np.empty((constants.size, 2))
     course = np.empty(rows)
     for v in range(first, last):
         if named[v] == 0:
@@ -486,6 +488,7 @@ def _identify(  # type: ignore[no-untyped-def]
             signature[:] = 0.0
             sums[:] = 0.0
             cross = 0.0
+            overlap[:] = 0.0
             onset = newest - age  # the first period with the fault ends with the sample after it
             slow[:] = 0.0
             for at in range(onset + 1, newest + 1):
@@ -506,6 +509,7 @@ def _identify(  # type: ignore[no-untyped-def]
                 for k in range(constants.size):
                     slow[k] += (told - slow[k]) * (1.0 - math.exp(-1.0 / constants[k]))
                     course[row] = slow[k] - told
+                    course[closing + k] = math.exp(-(at - onset - 0.5) / constants[k])
                     row += 1
                 e = seen[v, at % kept]
                 along = (column[0] * e[0] + column[1] * e[1] + column[2] * e[2]) * e[9]
@@ -530,6 +534,12 @@ def _identify(  # type: ignore[no-untyped-def]
                         p_one, w_one = p, w
                     elif row == 1:
                         cross += p * p_one * size + w * w_one * turn_size
+                    elif row >= closing:
+                        other = signed[row - closing]
+                        overlap[row - closing] += p * other[0] * size + w * other[1] * turn_size
+                    elif row >= closing - constants.size:
+                        other = signed[row - closing + constants.size]
+                        other[0], other[1] = p, w
             price = math.log(6.0 * age)
             c1, s11, c2, s22 = sums[0, 0], sums[0, 1], sums[1, 0], sums[1, 1]
             if not (s11 > 0.0):
@@ -562,8 +572,10 @@ def _identify(  # type: ignore[no-untyped-def]
                 )
                 row += 1
             for k in range(constants.size):
-                found = 2.0 * sums[row, 0] - sums[row, 1] - price
-                _keep(statistic, severity, v, 7, found, constants[k] * period)
+                c, square_sum = sums[closing + k, 0] - overlap[k], sums[closing + k, 1]
+                opened = min(max(c / square_sum, 0.0), 1.0) if square_sum > 0.0 else 0.0
+                found = 2.0 * sums[row, 0] - sums[row, 1] + opened * (2.0 * c - opened * square_sum)
+                _keep(statistic, severity, v, 7, found - 2.0 * price, constants[k] * period)
                 row += 1
 
 
