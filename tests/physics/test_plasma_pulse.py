@@ -225,6 +225,22 @@ def test_the_map_is_one_for_the_nominal_pulse_and_built_once():
     assert PulseMap.of(replace(DISCHARGE, voltage=1000.0)) is not MAP
 
 
+@pytest.mark.parametrize("circuit", [{"resistance": 0.5}, {"slug_mass": 1e-9}, {"inductance": 2e-7}])
+def test_the_map_of_another_discharge_is_as_good(circuit):
+    """A stiff circuit, a light slug, a slow circuit: half the mass and width, twice the resistance."""
+    other = replace(DISCHARGE, **circuit)
+    ratios = PulseMap.of(other).ratio(
+        mass_share=[0.5, 1.0, 1.0], width_share=[1.0, 0.5, 1.0], added_resistance=[0, 0, other.resistance]
+    )
+    thrusts = pulse_thrust(
+        other,
+        slug_mass=other.slug_mass * np.array([0.5, 1.0, 1.0]),
+        electrode_width=other.electrode_width * np.array([1.0, 0.5, 1.0]),
+        added_resistance=[0.0, 0.0, other.resistance],
+    )
+    np.testing.assert_allclose(ratios, thrusts / pulse_thrust(other), rtol=1e-4)
+
+
 def test_faults_change_the_pulse_of_their_thruster_by_their_kind():
     faults = [
         Fault(1, "propellant_loss", severity=0.5),

@@ -47,6 +47,8 @@ _LANES = 16
 #: above the nominal pulse: from a fifth of its kick to 5,000 times, from its damping to 25 times.
 _KICK_STEP, _KICKS_BELOW, _KICKS_ABOVE = 0.125, 14, 70
 _DAMPING_STEP, _DAMPINGS_BELOW, _DAMPINGS_ABOVE = 0.1, 1, 34
+#: Largest kick of a node, and largest product of its damping and a step: a map ends where either is reached.
+_LAST_KICK, _LAST_DAMPING_STEPS = 1e4, 1.0
 
 
 class Waveforms(NamedTuple):
@@ -303,8 +305,7 @@ class PulseMap:
     def of(discharge: Discharge) -> PulseMap:
         """The map of a discharge; built once for each."""
         ends = tabulate_pulses(discharge, np.array([discharge.number_of_samples - 1]))
-        kicks = np.exp(_KICK_STEP * np.arange(-_KICKS_BELOW, _KICKS_ABOVE + 1))
-        integrals = ends[2, :, :, 0] / kicks[:, np.newaxis]
+        integrals = ends[2, :, :, 0] / _nodes(discharge)[0][:, np.newaxis]
         logarithms = np.log(integrals / integrals[_KICKS_BELOW, _DAMPINGS_BELOW])
         logarithms.setflags(write=False)
         return PulseMap(logarithms, discharge.resistance)
@@ -335,11 +336,18 @@ def tabulate_pulses(discharge: Discharge, samples: NDArray[np.int64]) -> FloatAr
 
     Position, charge over that of the full capacitor, velocity and current, at the numbers ``samples``.
     """
+    kicks, dampings = _nodes(discharge)
+    grid = np.meshgrid(kicks, dampings, indexing="ij")
+    return _follow(discharge, grid[0], grid[1], samples).reshape(4, kicks.size, dampings.size, samples.size)
+
+
+def _nodes(discharge: Discharge) -> tuple[FloatArray, FloatArray]:
+    """Kicks and dampings of a map."""
     nominal = _Pulses.of(discharge, None, None, 0.0, None)
     kicks = nominal.kick * np.exp(_KICK_STEP * np.arange(-_KICKS_BELOW, _KICKS_ABOVE + 1))
     dampings = nominal.damping * np.exp(_DAMPING_STEP * np.arange(-_DAMPINGS_BELOW, _DAMPINGS_ABOVE + 1))
-    grid = np.meshgrid(kicks, dampings, indexing="ij")
-    return _follow(discharge, grid[0], grid[1], samples).reshape(4, kicks.size, dampings.size, samples.size)
+    stiffest = _LAST_DAMPING_STEPS * _unit_time(discharge) / discharge.sample_time
+    return np.minimum(kicks, _LAST_KICK), np.minimum(dampings, stiffest)
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
