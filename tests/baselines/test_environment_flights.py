@@ -271,5 +271,7 @@ def test_a_player_that_alarms_too_often_is_calibrated_to_silence():
     )  # fmt: skip
     assert found.calibration.threshold == 1.0
     assert found.missed.value == 1.0
+    with pytest.raises(ValueError, match=r"observation is None; flights that hold them"):
+        as_detector(lambda _: np.zeros)(1).update(np.zeros((1, 12)), np.zeros((1, 6)), 5.0)
     with pytest.raises(NotImplementedError, match="cannot be told"):
         as_detector(lambda _: np.zeros)(1).believe(np.zeros((6, 12)))

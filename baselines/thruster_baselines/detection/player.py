@@ -175,7 +175,7 @@ class PlayerDetector:
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,  # noqa: ARG002 - an environment's measurements are never late
-        observation: NDArray[np.float32],
+        observation: NDArray[np.float32] | None = None,
     ) -> Diagnosis:
         """Take in one interval, as it was observed.
 
@@ -186,7 +186,14 @@ class PlayerDetector:
             valid: (vehicles,), where the observation counts.
             age: (vehicles,).
             observation: (vehicles, size), of the environment at the end of the interval.
+
+        Raises:
+            ValueError: No observation.
         """
+        if observation is None:
+            raise ValueError(
+                "observation is None; flights that hold them (EnvironmentFlights(observed=True)) would be right"
+            )
         seen = np.array(observation, dtype=np.float32)
         for k, columns in enumerate((self._thrusters, self._modes)):
             numbers = self.declared[:, k] - (1 if k == 0 else 0)
