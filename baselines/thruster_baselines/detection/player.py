@@ -192,7 +192,8 @@ class PlayerDetector:
         """
         if observation is None:
             raise ValueError(
-                "observation is None; flights that hold them (EnvironmentFlights(observed=True)) would be right"
+                "observation is None; flights that hold them (EnvironmentFlights(observed=True)) would be "
+                "right"
             )
         seen = np.array(observation, dtype=np.float32)
         for k, columns in enumerate((self._thrusters, self._modes)):
