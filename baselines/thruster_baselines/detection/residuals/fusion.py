@@ -180,11 +180,11 @@ class FusionDetector(BaseNavigationDetector):
         self._scales: IntArray = np.array(_SCALES)
         self._sums: FloatArray = np.zeros((vehicles, 2 * len(_SCALES), _SUM))
         self._ahead: IntArray = np.zeros((vehicles, 2), np.int64)  # thruster, how often in a row
-        self._commands: FloatArray = np.zeros((vehicles, _LATEST, n))
+        self._commands: FloatArray = np.zeros((_LATEST, vehicles, n))
         self._newest: IntArray = np.zeros(vehicles, np.int64)  # the last sample that is kept
-        self._rates: FloatArray = np.zeros((vehicles, _KEPT, n))
+        self._rates: FloatArray = np.zeros((_KEPT, vehicles, n))
         # innovations of force and torque, body axes, and the weights of torque
-        self._seen: FloatArray = np.zeros((vehicles, _KEPT, 10))
+        self._seen: FloatArray = np.zeros((_KEPT, vehicles, 10))
         self.share: FloatArray = np.zeros((vehicles, n))
         self.reset()
 
@@ -228,7 +228,7 @@ class FusionDetector(BaseNavigationDetector):
         super()._clear(mask)
         self._sums[mask] = 0.0
         self._ahead[mask] = 0
-        self._seen[mask] = 0.0
+        self._seen[:, mask] = 0.0
         self.share[mask] = 0.0
 
     def _judge(self, sample: Sample) -> Diagnosis:
@@ -279,7 +279,7 @@ def _watch(  # type: ignore[no-untyped-def]
     commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time, isolation_time, share,
     suspicion, statistic, first, last,
 ):  # fmt: skip
-    n, kept, latest, after = open_rates.shape[1], rates.shape[1], commands.shape[1], _AFTER
+    n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
     before, e, momentum, weight = np.empty(9), np.empty(6), np.empty(3), np.empty(3)
     angular, products, squares = np.empty(3), np.empty(n), np.empty(n)
     for v in range(first, last):
@@ -288,11 +288,11 @@ def _watch(  # type: ignore[no-untyped-def]
         keep = not detected[v] or number * period < detection_time[v] + (after + 0.5) * period
         slot = number % kept
         for i in range(n):
-            commands[v, number % latest, i] = open_rates[v, i]
+            commands[number % latest, v, i] = open_rates[v, i]
         if keep:
             newest[v] = number
             for i in range(n):
-                rates[v, slot, i] = open_rates[v, i]
+                rates[slot, v, i] = open_rates[v, i]
         there, turning = valid[v], False
         old = (last_attitude[v, 0], last_attitude[v, 1], last_attitude[v, 2], last_attitude[v, 3])
         if there:
@@ -304,7 +304,7 @@ def _watch(  # type: ignore[no-untyped-def]
         x = states[v]
         if not begun[v]:
             for j in range(seen.shape[2]):
-                seen[v, slot, j] = 0.0
+                seen[slot, v, j] = 0.0
             if there:
                 begun[v] = True
                 for j in range(_STATES):
@@ -314,7 +314,7 @@ def _watch(  # type: ignore[no-untyped-def]
                     x[6 + j] = rate[v, j] if turning else 0.0
             continue
         # what the thrust of the last period should have done
-        told = commands[v, (number - 1 - lag) % latest if number > lag else 0]
+        told = commands[(number - 1 - lag) % latest if number > lag else 0, v]
         fx, fy, fz = 0.0, 0.0, 0.0
         for k in range(3):
             angular[k] = 0.0
@@ -388,10 +388,10 @@ def _watch(  # type: ignore[no-untyped-def]
                 weight[j] = 1.0 / ((noise[1] + weight[j]) / (1.0 - gains[2]) + noise[2])
         if keep:
             for j in range(6):
-                seen[v, slot, j] = e[j]
+                seen[slot, v, j] = e[j]
             for j in range(3):
-                seen[v, slot, 6 + j] = weight[j] if turning else 0.0
-            seen[v, slot, 9] = shifted if there else 0.0
+                seen[slot, v, 6 + j] = weight[j] if turning else 0.0
+            seen[slot, v, 9] = shifted if there else 0.0
         # sums since their onsets
         for m in range(sums.shape[1]):
             one = sums[v, m]
@@ -468,7 +468,7 @@ def _identify(  # type: ignore[no-untyped-def]
     rates, seen, last_kept, effectiveness, named, lag, period, gains, ages, levels, lost_times,
     delays, constants, statistic, severity, first, last,
 ):  # fmt: skip
-    kept = rates.shape[1]
+    kept = rates.shape[0]
     rows = 2 + levels.size + lost_times.size + delays.size + 2 * constants.size
     closing = rows - constants.size  # of a slow valve that was open
     overlap = np.empty(constants.size)
@@ -492,7 +492,7 @@ def _identify(  # type: ignore[no-untyped-def]
             onset = newest - age  # the first period with the fault ends with the sample after it
             slow[:] = 0.0
             for at in range(onset + 1, newest + 1):
-                told = rates[v, (at - 1 - lag) % kept, i]
+                told = rates[(at - 1 - lag) % kept, v, i]
                 course[0], course[1] = 1.0, told
                 row = 2
                 for k in range(levels.size):
@@ -503,7 +503,7 @@ def _identify(  # type: ignore[no-untyped-def]
                     row += 1
                 for k in range(delays.size):
                     shift = int(delays[k])
-                    came = rates[v, (at - 1 - lag - shift) % kept, i] if at - 1 - shift >= onset else 0.0
+                    came = rates[(at - 1 - lag - shift) % kept, v, i] if at - 1 - shift >= onset else 0.0
                     course[row] = came - told
                     row += 1
                 for k in range(constants.size):
@@ -511,7 +511,7 @@ def _identify(  # type: ignore[no-untyped-def]
                     course[row] = slow[k] - told
                     course[closing + k] = math.exp(-(at - onset - 0.5) / constants[k])
                     row += 1
-                e = seen[v, at % kept]
+                e = seen[at % kept, v]
                 along = (column[0] * e[0] + column[1] * e[1] + column[2] * e[2]) * e[9]
                 size = square * e[9]
                 turn, turn_size = 0.0, 0.0
