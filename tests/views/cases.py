@@ -40,6 +40,11 @@ def thrusters_of(identifier: str) -> int:
     return gym.make(identifier).unwrapped.task.vehicle.number_of_thrusters
 
 
+def craft_of(identifier: str) -> int:
+    """Number, from 1, of the craft that the agent flies."""
+    return gym.make(identifier).unwrapped.task.first_commanded + 1
+
+
 def entries(info: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
     """Every entry of an info, nested ones with the path as their name."""
     for key, value in info.items():

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from tests.views.cases import IDS, constant, entries, faults_of, kinds_of, space_of, thrusters_of
+from tests.views.cases import IDS, constant, craft_of, entries, faults_of, kinds_of, space_of, thrusters_of
 from thruster_envs.faults import GENERAL_KINDS, KINDS, Fault, FaultDistribution
 from thruster_envs.spacecraft import save
 from thruster_envs.testing import check_vector_env
@@ -62,6 +62,7 @@ def test_a_fault_is_given_to_make_or_to_reset_and_comes_back_as_truth(identifier
         severity=0.25,
         onset=period,
         duration=2.0 * period,
+        craft=craft_of(identifier),
         **({"profile_time": 20.0} if kind == "intermittent" else {}),
     )
     if kind not in kinds_of(identifier):
@@ -102,7 +103,7 @@ def test_a_distribution_draws_faults_anew_at_every_reset(identifier):
     assert set(kinds) == {0, KINDS.index(first) + 1, KINDS.index(last) + 1}
     share = (
         0.5 / env.unwrapped.task.number_of_craft
-    )  # a fault strikes one craft, of which this one is the first
+    )  # a fault strikes one craft, of which the agent flies one
     assert abs(np.count_nonzero(kinds) - 600 * share) < 4.0 * np.sqrt(600 * share * (1.0 - share))
     assert {thruster for _, thruster in drawn} == set(range(thrusters_of(identifier) + 1))
 
@@ -137,11 +138,12 @@ def test_a_spec_survives_json(identifier, form):
 def test_the_oracle_view_shows_what_the_faults_do(identifier):
     if not set(GENERAL_KINDS) <= set(kinds_of(identifier)):
         pytest.skip("its oracle view is another one, tested beside its task")
+    craft = craft_of(identifier)
     faults = [
-        Fault(1, "stuck_off"),
-        Fault(2, "loss", severity=0.25),
-        Fault(3, "stuck_on", severity=0.75),
-        Fault(4, "leak", severity=0.125),
+        Fault(1, "stuck_off", craft=craft),
+        Fault(2, "loss", severity=0.25, craft=craft),
+        Fault(3, "stuck_on", severity=0.75, craft=craft),
+        Fault(4, "leak", severity=0.125, craft=craft),
     ]
     env = gym.make(identifier, faults=faults, observe_fault=True)
     plain = gym.make(identifier, faults=faults)
@@ -214,7 +216,7 @@ def test_an_action_that_is_no_number_is_refused_and_the_episode_is_unharmed(iden
     )
     with pytest.raises(ValueError, match=f"{entry} from"):
         env.step(wrong)
-    with pytest.raises(ValueError, match=f"world 2, craft_1, {entry}"):
+    with pytest.raises(ValueError, match=f"world 2, {env.task.agents[0]}, {entry}"):
         vector.step(batch)
     assert np.array_equal(env.step(action)[0], twin.step(action)[0])
 

@@ -9,6 +9,7 @@ from thruster_baselines.control.classical_pilot import (
 from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.observed import Measured, ObservationReader
+from thruster_baselines.control.quaternion_team import QuaternionTeam
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
 
@@ -19,6 +20,7 @@ __all__ = [
     "FaultAllocation",
     "Measured",
     "ObservationReader",
+    "QuaternionTeam",
     "RelativeNavigation",
     "RendezvousCommandPolicy",
     "RendezvousController",

@@ -52,8 +52,8 @@ _BOUND = 5.0
 _FINE, _RATE = 0.05, 1e-3
 #: Error at which the pointing term is half its worst, rad, and least error that gains are counted from, rad.
 _HALF, _LEAST = 0.05, 0.1
-#: Pulses that a thruster can be owed at most.
-_MOST_OWED = 2.0
+#: Pulses that a thruster can be owed at most, and what counts as a whole one, rounding forgiven.
+_MOST_OWED, _WHOLE = 2.0, 1.0 - 1e-9
 # Columns of the account, per craft. First what the last step was worth.
 _POINTING, _BALANCE, _PULSES, _COST = range(4)
 # Error now and when the target was set, rad; how many of the six requirements are met; s since the target was
@@ -400,13 +400,13 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
             for i in range(n):
                 debt[i] = min(debt[i] + duties[world, agent, i], _MOST_OWED)
             for i in range(n):
-                fires = debt[i] >= 1.0
+                fires = debt[i] >= _WHOLE
                 for j in range(n):
                     if j != i and capacitors[j] == capacitors[i]:
                         fires &= debt[i] > debt[j] or (debt[i] == debt[j] and i < j)
                 data[b, at.SCALARS + i, w] = 1.0 if fires else 0.0
             for i in range(n):
-                debt[i] -= data[b, at.SCALARS + i, w]
+                debt[i] = max(debt[i] - data[b, at.SCALARS + i, w], 0.0)
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
