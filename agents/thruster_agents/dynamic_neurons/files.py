@@ -52,10 +52,10 @@ def read_description(folder: Path, kind: str, keys: tuple[str, ...]) -> dict[str
         content = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not JSON ({error})") from None
-    found = content if isinstance(content, dict) else {}
+    found: dict[str, Any] = content if isinstance(content, dict) else {}
     for key, right in (("format", _FORMAT), ("kind", kind)):
-        if found.pop(key, None) != right:
-            shown = content.get(key) if isinstance(content, dict) else content
+        shown = found.pop(key, None)
+        if shown != right:
             raise ValueError(f"{path}: {key} is {shown!r}; {right!r} would be right")
     for key in found:
         if key not in keys:

@@ -2,12 +2,12 @@
 
 After Valdes 2008, chapter 5. For roll, pitch and yaw, a network predicts the rate about that axis one second
 ahead from the pulses about it and the attitude. The sum of absolute errors over the part of a mission when
-the craft should have settled is the residual of the pair of thrusters that turns it about that axis; a pair is
-declared faulty where it exceeds a threshold, which is made from healthy missions (eq. 5.3). This is known after
-the mission, for the pair only.
+the craft should have settled is the residual of the pair of thrusters that turns it about that axis; a pair
+is declared faulty where it exceeds a threshold, which is made from healthy missions (eq. 5.3). This is known
+after the mission, for the pair only.
 
-Attitudes and their changes follow from rates, whatever the fault: a fault shows in what pulses do to rates, and
-nowhere else. Attitudes that no mission of the training had are constants that the network never saw. So
+Attitudes and their changes follow from rates, whatever the fault: a fault shows in what pulses do to rates,
+and nowhere else. Attitudes that no mission of the training had are constants that the network never saw. So
 besides the attitude itself (the source) the networks can see its error from the target, its change in the
 last second, or nothing of it.
 
@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 
 from thruster_agents.dynamic_neurons.files import (
     read_description,
@@ -110,9 +109,13 @@ class MissionSignals:
 
     def __add__(self, other: MissionSignals) -> MissionSignals:
         """The missions of both."""
-        both = [(getattr(self, n), getattr(other, n)) for n in ("pulses", "attitude", "rate", "target")]
-        known = [None if None in pair else np.concatenate(pair) for pair in both]  # type: ignore[comparison-overlap]
-        return MissionSignals(*known)  # type: ignore[arg-type]
+        targets = [one.target for one in (self, other) if one.target is not None]
+        return MissionSignals(
+            np.concatenate([self.pulses, other.pulses]),
+            np.concatenate([self.attitude, other.attitude]),
+            np.concatenate([self.rate, other.rate]),
+            np.concatenate(targets) if len(targets) == 2 else None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

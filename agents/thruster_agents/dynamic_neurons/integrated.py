@@ -1,10 +1,10 @@
-"""Both levels together: the high level finds the pair, the low level the thruster, the pulses, the direction.
+"""Both levels together: the high level finds the pair, the low level the thruster, the pulses, the change.
 
 After Valdes 2008, chapter 6. Of a pair that the high level flags, the thruster that fired more often is the
-one that would have lost thrust, the other one the one that would have gained some. The pulses of the first are
-judged with the upper threshold of the low level and those of the second with the lower one (logic threshold
-selection), since a gain moves the current less. A faulty pulse of the first means a loss (fault case 1 or 3),
-of the second a gain (fault case 2).
+one that would have lost thrust, the other one the one that would have gained some. The pulses of the first
+are judged with the upper threshold of the low level and those of the second with the lower one (logic
+threshold selection), since a gain moves the current less. A faulty pulse of the first means a loss (fault
+case 1 or 3), of the second a gain (fault case 2).
 
 The source chose 0.037 and 0.030 by hand. Here the upper threshold is that of the low level, from healthy
 pulses at all charge voltages, and the lower one is made by the same rule from healthy pulses as flights have

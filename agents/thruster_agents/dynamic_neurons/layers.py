@@ -31,6 +31,8 @@ Activation = Literal["tanh", "linear"]
 
 #: Half widths of the uniform distributions that parameters are drawn from at the start.
 _WEIGHTS, _FEEDBACK, _FEEDFORWARD = 1.0, 0.3, 0.5
+#: Largest angle that a pair of poles with a given memory turns in its time constant, rad.
+_SWING = 3.0
 
 
 class DynamicLayer(nn.Module):
@@ -43,9 +45,10 @@ class DynamicLayer(nn.Module):
         activation: `tanh` or `linear`.
         stable: Keep poles inside of the unit circle by construction.
         bias: Add a trained constant to the weighted sum.
-        memory: Shortest and longest time constant of the poles at the start, in samples, from which they are
-            drawn log-uniformly, all real; the gain for constants then is drawn as weights are. None for
-            coefficients drawn around zero, which forget within a few samples.
+        memory: Shortest and longest time constant at the start, in samples, between which those of pairs of
+            poles are drawn log-uniformly, each pair a damped oscillation of up to 3 rad per time constant;
+            the gain for constants then does not depend on them. None for coefficients drawn around zero,
+            which forget within a few samples.
         generator: Draws the parameters.
         dtype: Of the parameters, and of what goes through.
 
@@ -90,13 +93,11 @@ class DynamicLayer(nn.Module):
             if memory is None:
                 parameters = _parameters_of(uniform(_FEEDBACK, units, order), stable)
             else:
-                shortest, longest = torch.log(torch.tensor(memory, dtype=dtype))
-                place = torch.rand(units, order, generator=generator, dtype=dtype)
-                poles = torch.exp(-torch.exp(-(shortest + (longest - shortest) * place)))
-                parameters = _parameters_with(poles, stable)
+                sections = _sections(units, order, memory, generator, dtype)
+                parameters = _parameters_of(sections, stable) if stable else _expanded(sections)[:, 1:]
                 feedforward *= denominator(parameters, stable).sum(dim=1, keepdim=True)
             self.feedforward = nn.Parameter(feedforward)
-            self.pole_parameters = nn.Parameter(parameters)
+            self.pole_parameters = nn.Parameter(parameters.contiguous())
         self.slope = nn.Parameter(torch.ones(units, dtype=dtype))
 
     @property
@@ -137,16 +138,19 @@ def denominator(parameters: torch.Tensor, stable: bool) -> torch.Tensor:
     >>> denominator(torch.tensor([[20.0, 20.0]]), stable=True)  # both poles at -1, as far as they can go
     tensor([[1., 2., 1.]])
     """
-    ones = torch.ones_like(parameters[:, :1])
     if not stable:
-        return torch.cat([ones, parameters], dim=1)
-    product = ones
+        return torch.cat([torch.ones_like(parameters[:, :1]), parameters], dim=1)
     bounded = torch.tanh(parameters)
-    for first in range(0, parameters.shape[1], 2):
-        section = bounded[:, first : first + 2]
-        if section.shape[1] == 2:
-            second = section[:, 1:]
-            section = torch.cat([(1.0 + second) * section[:, :1], second], dim=1)
+    sections = list(bounded.split(1, dim=1))
+    for first in range(0, parameters.shape[1] - 1, 2):
+        sections[first] = (1.0 + sections[first + 1]) * sections[first]
+    return _expanded(torch.cat(sections, dim=1))
+
+
+def _expanded(sections: torch.Tensor) -> torch.Tensor:
+    """(units, r + 1), the product of sections (units, r) of second order, and one of first if r is odd."""
+    product = ones = torch.ones_like(sections[:, :1])
+    for section in sections.split(2, dim=1):
         product = _product(product, torch.cat([ones, section], dim=1))
     return product
 
@@ -169,16 +173,19 @@ def _parameters_of(sections: torch.Tensor, stable: bool) -> torch.Tensor:
     return torch.atanh(parameters)
 
 
-def _parameters_with(poles: torch.Tensor, stable: bool) -> torch.Tensor:
-    """Parameters (units, r) whose denominator has these real poles (units, r)."""
-    paired = poles.shape[1] // 2 * 2
-    sections = -poles
-    sections[:, 0:paired:2] = -(poles[:, 0:paired:2] + poles[:, 1:paired:2])
-    sections[:, 1:paired:2] = poles[:, 0:paired:2] * poles[:, 1:paired:2]
-    if stable:
-        return _parameters_of(sections, stable)
-    ones = torch.ones_like(poles[:, :1])
-    product = ones
-    for i in range(poles.shape[1]):
-        product = _product(product, torch.cat([ones, -poles[:, i : i + 1]], dim=1))
-    return product[:, 1:]
+def _sections(
+    units: int,
+    order: int,
+    memory: tuple[float, float],
+    generator: torch.Generator | None,
+    dtype: torch.dtype,
+) -> torch.Tensor:
+    """(units, r), a_1 and a_2 of damped oscillations, and a_1 of a decay if r is odd."""
+    pairs, rest = divmod(order, 2)
+    shortest, longest = torch.log(torch.tensor(memory, dtype=dtype))
+    place = torch.rand(units, pairs + rest, generator=generator, dtype=dtype)
+    constants = torch.exp(shortest + (longest - shortest) * place)
+    radii = torch.exp(-1.0 / constants)
+    angles = _SWING * torch.rand(units, pairs, generator=generator, dtype=dtype) / constants[:, :pairs]
+    both = torch.stack([-2.0 * radii[:, :pairs] * torch.cos(angles), radii[:, :pairs].square()], dim=2)
+    return torch.cat([both.flatten(1), -radii[:, pairs:]], dim=1)

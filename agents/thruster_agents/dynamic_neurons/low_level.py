@@ -206,9 +206,10 @@ class LowLevelClassifier:
         """What the network sees but the current (pulses, samples - 1, 1), and the current, both scaled."""
         v, i = np.asarray(voltage, np.float64), np.asarray(current, np.float64)
         if v.ndim != 2 or v.shape != i.shape or v.shape[1] <= self.settings.stride:
+            few = self.settings.stride
             raise ValueError(
-                f"voltage has the shape {v.shape} and current {i.shape}; the same (pulses, samples) for both, "
-                f"more than {self.settings.stride} samples, would be right"
+                f"voltage has the shape {v.shape} and current {i.shape}; (pulses, samples) for both, more "
+                f"than {few} samples, would be right"
             )
         for name, signal in (("voltage", v), ("current", i)):
             if not np.isfinite(signal).all():

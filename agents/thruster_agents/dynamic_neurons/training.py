@@ -32,6 +32,9 @@ from thruster_envs.protocols import FloatArray
 __all__ = ["TrainingRecord", "TrainingSettings", "train"]
 
 _LEARNING_RATES = {"lbfgs": 1.0, "adam": 1e-2, "gradient_descent": 3e-2}
+#: What L-BFGS sees the error multiplied by: torch's takes no note of curvature where a product of steps and
+#: changes of the gradient is below 1e-10, which small errors of flat valleys are.
+_SCALES = {"lbfgs": 1e6, "adam": 1.0, "gradient_descent": 1.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +151,7 @@ class _Run:
     ) -> None:
         self.network, self.inputs, self.targets = network, inputs, targets
         self.settings, self.path = settings, checkpoint
-        self.optimiser = _optimiser(network, settings)
+        self.optimiser, self.scale = _optimiser(network, settings), _SCALES[settings.optimiser]
         self.errors: list[float] = []
         self.seconds = 0.0
         self.best = _parameters(network)
@@ -160,18 +163,16 @@ class _Run:
         """Take steps until the error is small enough, there were enough, or none leads on."""
         begun = time.perf_counter() - self.seconds
         if not self.errors:
-            self._note(float(self._error()))
+            self._note(float(self._error()) / self.scale)
             if not math.isfinite(self.errors[0]):
                 raise ValueError(
                     f"the mean square error is {self.errors[0]} before the first step; "
                     "a network with other parameters, or stable poles, would be right"
                 )
         while len(self.errors) <= self.settings.iterations and min(self.errors) > self.settings.stop:
-            before = _parameters(self.network)
-            self.optimiser.step(self._error)
-            if torch.equal(before, _parameters(self.network)):
+            if not self._step():
                 break
-            self._note(float(self._error()))
+            self._note(float(self._error()) / self.scale)
             if progress is not None:
                 progress(len(self.errors) - 1, self.errors[-1])
             if (len(self.errors) - 1) % self.settings.checkpoint_every == 0:
@@ -184,13 +185,24 @@ class _Run:
         error = min(self.errors)
         return TrainingRecord(np.array(self.errors), error, error <= self.settings.stop, self.seconds)
 
+    def _step(self) -> bool:
+        """One step of the optimiser; whether there was one."""
+        before = _parameters(self.network)
+        self.optimiser.step(self._error)
+        if torch.equal(before, _parameters(self.network)):
+            # Where a line search finds nothing in the direction that L-BFGS makes of its memory, the gradient
+            # itself may still lead on.
+            self.optimiser.state.clear()
+            self.optimiser.step(self._error)
+        return not torch.equal(before, _parameters(self.network))
+
     def _note(self, error: float) -> None:
         if not self.errors or error < min(self.errors):
             self.best = _parameters(self.network)
         self.errors.append(error)
 
     def _error(self) -> torch.Tensor:
-        """Mean square error, its gradient left in the parameters; not computed twice for the same ones."""
+        """Scaled mean square error, its gradient in the parameters; not computed twice for the same ones."""
         now = _parameters(self.network)
         if self.evaluated is not None and torch.equal(now, self.evaluated[0]):
             return self.evaluated[1]
@@ -210,7 +222,10 @@ class _Run:
             error = torch.tensor(math.inf, dtype=torch.float64)
             for gradient in gradients:
                 gradient.zero_()  # type: ignore[union-attr]
-        self.evaluated = now, error.detach()
+        else:
+            for gradient in gradients:
+                gradient.mul_(self.scale)  # type: ignore[union-attr]
+        self.evaluated = now, self.scale * error.detach()
         return self.evaluated[1]
 
     def _save(self, seconds: float) -> None:
