@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from tests.physics.flying import begin, scatter_draws
 from thruster_envs.faults import Fault, FaultDistribution
-from thruster_envs.faults.record import KINDS, PROFILES
+from thruster_envs.faults.record import DISCHARGE_KINDS, GENERAL_KINDS, PROFILES
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.plasma_pulse import PulseMap
 from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS, PulsedFleet
@@ -257,7 +257,7 @@ def test_a_spacecraft_without_a_discharge_is_refused():
 
 EVERYTHING = FaultDistribution(
     probability=0.8,
-    kinds=KINDS,
+    kinds=GENERAL_KINDS + DISCHARGE_KINDS,
     count=(1, 3),
     onset=(0.0, 20.0),
     duration=(5.0, 40.0),

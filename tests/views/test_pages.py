@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.views.cases import IDS
-from thruster_envs.views import FormationParallelEnv
+from thruster_envs.views import FormationAttitudeParallelEnv, FormationParallelEnv
 
 ROW = re.compile(r"^\s*\| (\d+)(?:-(\d+))? \| (.+?) \| (-?[\d.]+) \| (-?[\d.]+) \| (.+?) \|$", re.MULTILINE)
 SECTIONS = (
@@ -73,6 +73,12 @@ def test_a_page_names_every_entry_of_info_and_every_argument(identifier):
             assert f"`{field.name}`" in parts["Arguments"]
 
 
-def test_the_page_of_the_parallel_environment_is_right_too():
-    env = FormationParallelEnv(observe_fault=True)
-    check_page(type(env).__doc__, env.task, env.observation_space("craft_1"), env.action_space("craft_1"))
+@pytest.mark.parametrize("environment", [FormationParallelEnv, FormationAttitudeParallelEnv])
+def test_the_page_of_a_parallel_environment_is_right_too(environment):
+    env = environment(observe_fault=True)
+    agent = env.possible_agents[0]
+    check_page(type(env).__doc__, env.task, env.observation_space(agent), env.action_space(agent))
+    parts = sections(type(env).__doc__)
+    _, infos = env.reset(seed=0)
+    for key in infos[agent]:
+        assert f"- `{key}`:" in parts["Information"]

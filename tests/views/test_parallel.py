@@ -1,4 +1,4 @@
-"""The formation as PettingZoo's parallel environment passes PettingZoo's own tests and ours."""
+"""Formations as PettingZoo's parallel environments pass PettingZoo's own tests and ours."""
 
 import warnings
 
@@ -6,56 +6,86 @@ import numpy as np
 import pettingzoo
 import pytest
 
-from tests.views.cases import FAULTS
-from thruster_envs import formation_keeping_v0
+from tests.views.cases import FAULTS, faults_of
+from thruster_envs import formation_attitude_v0, formation_keeping_v0
 from thruster_envs.faults import Fault
+from thruster_envs.tasks import FormationAttitude
 from thruster_envs.testing import check_parallel_env
-from thruster_envs.views import FormationParallelEnv, SharedPolicyVecEnv
+from thruster_envs.views import FormationAttitudeParallelEnv, FormationParallelEnv, SharedPolicyVecEnv
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # PettingZoo's tests import their examples in a deprecated way
     from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, render_test
 
 
+#: Module and faults that its craft can have.
+FORMATIONS = {
+    "formation_keeping_v0": (formation_keeping_v0, FAULTS),
+    "formation_attitude_v0": (formation_attitude_v0, faults_of("thruster_envs/FormationAttitude-v0")),
+}
+formations = pytest.mark.parametrize(("module", "faults"), FORMATIONS.values(), ids=FORMATIONS.keys())
+
+
 def hold(env, duty=-0.98):
     return {agent: np.full(12, duty, np.float32) for agent in env.agents}
 
 
-def test_pettingzoos_parallel_api_test_passes():
-    parallel_api_test(formation_keeping_v0.parallel_env(faults=FAULTS), num_cycles=200)
+@formations
+def test_pettingzoos_parallel_api_test_passes(module, faults):
+    parallel_api_test(module.parallel_env(faults=faults), num_cycles=200)
 
 
-def test_pettingzoos_api_test_passes_through_its_conversion():
-    api_test(formation_keeping_v0.env(faults=FAULTS), num_cycles=200)
+@formations
+@pytest.mark.filterwarnings("ignore:Action space for each agent probably")  # three choices are as good as one
+def test_pettingzoos_api_test_passes_through_its_conversion(module, faults):
+    api_test(module.env(faults=faults), num_cycles=200)
 
 
-def test_pettingzoos_render_test_passes():
-    render_test(formation_keeping_v0.env)
+@formations
+def test_pettingzoos_render_test_passes(module, faults):
+    render_test(lambda **options: module.env(faults=faults, **options))
 
 
-def test_pettingzoos_max_cycles_test_passes():
-    max_cycles_test(formation_keeping_v0)
+@formations
+def test_pettingzoos_max_cycles_test_passes(module, faults):
+    max_cycles_test(module)
 
 
-def test_our_own_checks_pass_over_many_steps_and_in_another_process():
+@formations
+def test_our_own_checks_pass_over_many_steps_and_in_another_process(module, faults):
     report = check_parallel_env(
-        formation_keeping_v0.parallel_env,
+        module.parallel_env,
         steps=120,
         another_process=True,
         craft=4,
-        faults=FAULTS,
+        faults=faults,
         max_cycles=25,
     )
     assert not report.failures
 
 
-def test_it_stands_in_both_tables_of_pettingzoo():
+@pytest.mark.parametrize("options", [{"action": "duties"}, {"command_leader": True}, {"commanded": 1}])
+def test_every_form_of_the_turning_formation_passes_our_own_checks(options):
+    faults = faults_of("thruster_envs/FormationAttitude-v0")
+    report = check_parallel_env(
+        formation_attitude_v0.parallel_env, steps=40, faults=faults, max_cycles=15, **options
+    )
+    assert not report.failures
+
+
+def test_they_stand_in_both_tables_of_pettingzoo():
     env = pettingzoo.make("parallel", "thruster_envs/formation_keeping_v0", craft=2)
     assert isinstance(env.unwrapped, FormationParallelEnv)
     assert len(env.possible_agents) == 2
     turns = pettingzoo.make("aec", "thruster_envs/formation_keeping_v0", craft=5)
     turns.reset(seed=0)
     assert turns.agents == [f"craft_{k}" for k in range(1, 6)]
+    env = pettingzoo.make("parallel", "thruster_envs/formation_attitude_v0", craft=2)
+    assert isinstance(env.unwrapped, FormationAttitudeParallelEnv)
+    assert env.possible_agents == ["follower_1"]
+    turns = pettingzoo.make("aec", "thruster_envs/formation_attitude_v0", craft=3, command_leader=True)
+    turns.reset(seed=0)
+    assert turns.agents == ["leader", "follower_1", "follower_2"]
 
 
 def test_all_agents_stay_until_the_end_and_end_together():
@@ -110,6 +140,22 @@ def test_the_rows_of_the_shared_policy_are_the_agents():
     for _ in range(10):
         assert np.array_equal(np.stack(list(observations.values())), batch[3:])
         action = generator.uniform(-1.0, -0.5, (6, 12)).astype(np.float32)
+        batch, rewards, _, _ = rows.step(action)
+        observations, each, _, _, _ = env.step(dict(zip(env.agents, action[3:], strict=True)))
+        assert np.array_equal(np.array(list(each.values()), np.float32), rewards[3:])
+
+
+def test_the_rows_of_the_shared_policy_are_the_agents_of_the_turning_formation():
+    faults = faults_of("thruster_envs/FormationAttitude-v0")
+    env = formation_attitude_v0.parallel_env(faults=faults, command_leader=True)
+    rows = SharedPolicyVecEnv(2, task_type=FormationAttitude, faults=faults, command_leader=True)
+    rows.seed(30)
+    batch = rows.reset()
+    observations, _ = env.reset(seed=33)
+    generator = np.random.default_rng(0)
+    for _ in range(10):
+        assert np.array_equal(np.stack(list(observations.values())), batch[3:])
+        action = generator.integers(0, 3, (6, 3))
         batch, rewards, _, _ = rows.step(action)
         observations, each, _, _, _ = env.step(dict(zip(env.agents, action[3:], strict=True)))
         assert np.array_equal(np.array(list(each.values()), np.float32), rewards[3:])
