@@ -3,8 +3,8 @@
 Modelled, flight by flight and with true pulse timing: the nonlinear relative equations about a circular
 orbit, rigid rotation, eight valves with one pulse per period, a delay of their own each time, first-order
 rise and fall and a minimum on-time, noise of the LIDAR and of the attitude and rate estimates, a delay
-between navigation and control, a constant disturbance; position and attitude loops and an allocation that raises all
-valves together. Left out: the rate of the target's frame in the attitude, propellant, contact.
+between navigation and control, a constant disturbance; position and attitude loops and an allocation that
+raises all valves together. Left out: the rate of the target's frame in the attitude, propellant, contact.
 
 The vehicle is MSR-A, a parameter set of this project: the source (Fonod et al. 2013) withholds every number.
 Inside, axes are those of its eq. 29 (x along-track, y against the orbit's normal, z to the planet) and the
@@ -117,7 +117,7 @@ class ValveFault:
 
     `severity` is the opening of `stuck_on`, the share lost of `loss`, the opening of `leak`, the further
     delay of `late` (the whole pulse) and `late_opening` (its beginning alone) in s, and the time constant of
-    `slow` in s; `stuck_off` has none.
+    `slow` in s; `stuck_off` is shut, whatever it says.
     """
 
     thruster: int = 0
@@ -183,7 +183,8 @@ def fly(seeds, duration: float, faults=None, settings: Settings | None = None) -
         _fly_one(
             np.random.default_rng(int(seed)), reference, WRENCHES, allocation, np.array(settings.disturbance),
             np.array(settings.centre_of_mass), numbers,
-            fault.thruster - 1, CODES[fault.kind], fault.severity, fault.onset,
+            fault.thruster - 1, CODES[fault.kind],
+            0.0 if fault.kind == "stuck_off" else fault.severity, fault.onset,
             record.open_rates[k], record.position[k], record.attitude[k], record.rate[k],
             record.true_position[k], record.true_velocity[k], record.pointing[k],
         )  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 from tests.baselines import chaser_flight
 from tests.baselines.chaser_flight import MSR_A, PERIOD, Settings, ValveFault, fly
-from thruster_baselines.detection import threshold_for_rate
+from thruster_baselines.detection import evaluate, threshold_for_rate
 from thruster_baselines.detection.residuals import (
     CorrelationDetector,
     FusionDetector,
@@ -376,6 +376,44 @@ def test_statistics_are_what_calibration_takes(healthy):
     found = threshold_for_rate(statistic.reshape(-1, 100).max(axis=1), 0.05)
     assert 3.0 < found.threshold < 15.0
     assert found.upper <= 0.05
+
+
+def source(seeds, faulty):
+    """Open and closed valves by turns."""
+    kinds = (("stuck_on", 1.0), ("stuck_off", 1.0))
+    faults = [ValveFault(seed % 8 + 1, *kinds[seed % 2], 45.0 + 0.037 * (seed % 100)) for seed in seeds]
+    if not faulty:
+        faults = [ValveFault() for _ in seeds]
+    return fly(seeds, 55.0, faults).seen()
+
+
+def test_the_yardstick_of_detectors_takes_those_fed_by_navigation():
+    found = evaluate(
+        lambda count: FusionDetector(MSR_A, RATIO, vehicles=count),
+        source,
+        name="fusion",
+        false_alarms=1e-4,
+        validation=range(1000, 1100),
+        test=range(2000, 2016),
+        identify=lambda detector, thruster: detector.identify(thruster),
+        rates=(),
+        patience=5.0,
+    )
+    assert found.isolated.successes == found.isolated.trials == 16
+    assert found.identified.value >= 15 / 16
+    assert 0.1 < found.median_delay < 0.6
+    assert found.by_kind["stuck_on"][1] < found.by_kind["stuck_off"][1]
+    hurried = evaluate(
+        lambda count: FusionDetector(MSR_A, RATIO, vehicles=count),
+        source,
+        name="fusion",
+        false_alarms=1e-4,
+        validation=range(1000, 1100),
+        test=range(2000, 2016),
+        rates=(),
+    )
+    assert hurried.isolated.successes < 8  # an alarm comes before a name
+    assert hurried.median_delay == found.median_delay
 
 
 def test_designs_by_name_are_those_of_the_spacecraft():

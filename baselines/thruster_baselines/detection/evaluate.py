@@ -35,14 +35,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
-from thruster_baselines.detection.flights import Flights, FlightSource
+from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.detection.identification import (
     Identification,
     ModelComparison,
     least_squares_severity,
 )
 from thruster_baselines.statistics import clopper_pearson
-from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray, NavigationDetector
 from thruster_envs.seeds import TEST, VALIDATION
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_comparison", "evaluate", "table"]
 
-Identifier: TypeAlias = Callable[[Detector, IntArray], Identification]
+Identifier: TypeAlias = Callable[[Any, IntArray], Identification]
 """Says how the named thrusters (vehicles,), from 1 and 0 for none, fail, right after an update."""
 
 _CHUNK = 500
@@ -277,7 +277,7 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
 
 
 def evaluate(
-    make: Callable[[int], Detector],
+    make: Callable[[int], Detector | NavigationDetector],
     source: FlightSource,
     *,
     name: str,
@@ -287,6 +287,7 @@ def evaluate(
     confidence: float = 0.95,
     identify: Identifier | None = None,
     rates: Sequence[float] = tuple(np.logspace(-1.0, -4.0, 13).tolist()),
+    patience: float = 0.0,
 ) -> Evaluation:
     """Measure one detector.
 
@@ -300,6 +301,7 @@ def evaluate(
         confidence: Of the calibration and of all intervals.
         identify: Says how a named thruster fails; see `by_model_comparison`.
         rates: Of the curve, per interval; those that the validation flights cannot show are left out.
+        patience: For how long after the alarm a detector may wait before it names a thruster, s.
 
     Raises:
         ValueError: Seeds that stand in both sets; too few validation flights for the rate.
@@ -315,8 +317,8 @@ def evaluate(
     healthy, faulty = source(test, False), source(test, True)
     duration, intervals = healthy.duration, healthy.on_times.shape[1]
 
-    quiet = _fly(make, healthy, calibration.threshold, None)
-    flown = _fly(make, faulty, calibration.threshold, identify)
+    quiet = _fly(make, healthy, calibration.threshold, None, patience)
+    flown = _fly(make, faulty, calibration.threshold, identify, patience)
     struck = faulty.onset < intervals * duration
     delays = np.where(flown.found, flown.end - faulty.onset, np.inf)[struck]
     missed = int((~flown.found[struck]).sum())
@@ -379,7 +381,11 @@ class _Flown:
 
 
 def _fly(
-    make: Callable[[int], Detector], flights: Flights, threshold: float, identify: Identifier | None
+    make: Callable[[int], Detector | NavigationDetector],
+    flights: RecordedFlights,
+    threshold: float,
+    identify: Identifier | None,
+    patience: float,
 ) -> _Flown:
     """Fly them with resets after false alarms."""
     count, intervals = flights.on_times.shape[:2]
@@ -390,29 +396,34 @@ def _fly(
         detector.threshold = threshold
         detector.reset()
         healthy = np.isinf(flights.onset[part])
+        waiting = np.zeros(part.stop - part.start, np.bool_)
         for t in range(intervals):
             begin = time.perf_counter()
             diagnosis = detector.update(**flights.step(part, t))
             flown.seconds += time.perf_counter() - begin
-            end = (t + 1) * flights.duration
+            end = flights.first_answer + t * flights.duration
             early = diagnosis.detected & (end <= flights.onset[part])
             flown.false_alarms += int(early.sum())
             counts = diagnosis.detected & ~flown.found[part] & (healthy | ~early)
             if counts.any():
                 flown.found[part] |= counts
                 flown.end[part][counts] = end
-                flown.named[part][counts] = diagnosis.thruster[counts]
-                if identify is not None:
-                    answer = identify(detector, np.where(counts, diagnosis.thruster, 0))
-                    flown.severity[part][counts] = answer.severity[counts]
-                    for at in np.flatnonzero(counts):
+                waiting |= counts
+            if waiting.any():
+                named = waiting & ((diagnosis.thruster > 0) | (end - flown.end[part] >= patience))
+                waiting &= ~named
+                flown.named[part][named] = diagnosis.thruster[named]
+                if identify is not None and named.any():
+                    answer = identify(detector, np.where(named, diagnosis.thruster, 0))
+                    flown.severity[part][named] = answer.severity[named]
+                    for at in np.flatnonzero(named):
                         flown.kind[first + at] = answer.kind[at]
             if early.any():
                 detector.reset(early)
     return flown
 
 
-def _statistics(make: Callable[[int], Detector], flights: Flights) -> FloatArray:
+def _statistics(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> FloatArray:
     """(flights, intervals): the statistic all along, without any alarm."""
     count, intervals = flights.on_times.shape[:2]
     found = np.empty((count, intervals))
@@ -427,16 +438,16 @@ def _statistics(make: Callable[[int], Detector], flights: Flights) -> FloatArray
 
 
 def _curve(
-    make: Callable[[int], Detector],
+    make: Callable[[int], Detector | NavigationDetector],
     calm: FloatArray,
-    healthy: Flights,
-    faulty: Flights,
+    healthy: RecordedFlights,
+    faulty: RecordedFlights,
     rates: Sequence[float],
     confidence: float,
 ) -> tuple[CurvePoint, ...]:
     quiet, ill = _statistics(make, healthy), _statistics(make, faulty)
     intervals, duration = quiet.shape[1], healthy.duration
-    ends = (1.0 + np.arange(intervals)) * duration
+    ends = healthy.first_answer + np.arange(intervals) * duration
     struck = faulty.onset < intervals * duration
     before = ends <= faulty.onset[:, np.newaxis]
     points = []
@@ -465,7 +476,7 @@ def _curve(
 
 
 def _confusion(
-    healthy: Flights, quiet: _Flown, faulty: Flights, flown: _Flown, struck: BoolArray
+    healthy: RecordedFlights, quiet: _Flown, faulty: RecordedFlights, flown: _Flown, struck: BoolArray
 ) -> tuple[tuple[int, ...], ...]:
     n = healthy.on_times.shape[2]
     matrix = np.zeros((n + 1, n + 2), np.int64)
@@ -476,7 +487,7 @@ def _confusion(
 
 
 def _by_kind(
-    faulty: Flights, flown: _Flown, struck: BoolArray, confidence: float
+    faulty: RecordedFlights, flown: _Flown, struck: BoolArray, confidence: float
 ) -> dict[str, tuple[Rate, float]]:
     kinds = np.array(faulty.kind)
     answer = {}
@@ -491,7 +502,7 @@ def _by_kind(
     return answer
 
 
-def _time_alone(make: Callable[[int], Detector], flights: Flights) -> float:
+def _time_alone(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> float:
     """Median of an update of a single vehicle, s."""
     detector = make(1)
     taken = []

@@ -30,7 +30,50 @@ from thruster_envs.physics.firing import apply_fault, is_active, severity
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["FlightSource", "Flights", "RandomFlights"]
+__all__ = ["FlightSource", "Flights", "RandomFlights", "RecordedFlights"]
+
+
+class RecordedFlights(Protocol):
+    """What the yardstick of detectors needs of flights, whatever detectors are fed with in them."""
+
+    @property
+    def on_times(self) -> FloatArray:
+        """(flights, intervals, n), s, as commanded."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Of an interval, s."""
+        ...
+
+    @property
+    def first_answer(self) -> float:
+        """When the answer to the first interval or sample is there, s since the start."""
+        ...
+
+    @property
+    def thruster(self) -> IntArray:
+        """(flights,), the one that fails, from 1; 0 in a healthy flight."""
+        ...
+
+    @property
+    def kind(self) -> tuple[str, ...]:
+        """(flights,), of the fault, or `none`."""
+        ...
+
+    @property
+    def severity(self) -> FloatArray:
+        """(flights,); 0 in a healthy flight."""
+        ...
+
+    @property
+    def onset(self) -> FloatArray:
+        """(flights,), s since the start; infinite in a healthy flight."""
+        ...
+
+    def step(self, flights: slice, interval: int) -> dict[str, Any]:
+        """The arguments of a detector's `update` for one interval or sample of some of them."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +108,11 @@ class Flights:
     age: FloatArray | None = None
     observations: NDArray[np.float32] | None = None
 
+    @property
+    def first_answer(self) -> float:
+        """The end of the first interval, s."""
+        return self.duration
+
     def step(self, flights: slice, interval: int) -> dict[str, Any]:
         """The arguments of `Detector.update` for one interval of some of them."""
         at = (flights, interval)
@@ -81,7 +129,7 @@ class Flights:
 class FlightSource(Protocol):
     """Where flights come from."""
 
-    def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:
+    def __call__(self, seeds: Sequence[int], faulty: bool) -> RecordedFlights:
         """One flight for each seed: all of them healthy, or each with one fault."""
         ...
 

@@ -1,14 +1,17 @@
 """Flights on which detectors fed by navigation are watched, and what they say of each.
 
 A flight is what `thruster_envs.protocols.NavigationDetector` is given, sample by sample, with the fault that
-truly was. Whatever flies a vehicle may fill one. `watch` lets a detector see many side by side.
+truly was. Whatever flies a vehicle may fill one. `watch` lets a detector see many side by side; the yardstick
+of all detectors, `thruster_baselines.detection.evaluate`, takes them as well and adds the calibration of the
+threshold, rates and their intervals.
 
-Left out: rates and their intervals, for which the flights to watch decide how they are counted.
+Left out: any samples that are missing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +46,31 @@ class NavigationFlights:
     severity: FloatArray
     onset: FloatArray
 
+    @property
+    def on_times(self) -> FloatArray:
+        """(flights, samples, n), s, commanded for the period that begins with the sample."""
+        return self.open_rates * self.period
+
+    @property
+    def duration(self) -> float:
+        """Of a period, s."""
+        return self.period
+
+    @property
+    def first_answer(self) -> float:
+        """s; the first sample is answered when it is taken."""
+        return 0.0
+
+    def step(self, flights: slice, interval: int) -> dict[str, Any]:
+        """The arguments of `NavigationDetector.update` for one sample of some of them."""
+        at = (flights, interval)
+        return {
+            "open_rates": self.open_rates[at],
+            "position": self.position[at],
+            "attitude": self.attitude[at],
+            "rate": self.rate[at],
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Watched:
@@ -71,9 +99,7 @@ def watch(detector: NavigationDetector, flights: NavigationFlights) -> Watched:
     begin = np.where(np.isfinite(flights.onset), flights.onset, 0.0)
     detector.reset()
     for k in range(samples):
-        diagnosis = detector.update(
-            flights.open_rates[:, k], flights.position[:, k], flights.attitude[:, k], flights.rate[:, k]
-        )
+        diagnosis = detector.update(**flights.step(slice(None), k))
         since = k * flights.period - begin
         statistic[:, k] = diagnosis.statistic
         detection = np.where(diagnosis.detected & np.isinf(detection), since, detection)
