@@ -61,7 +61,7 @@ def dynamic_back_propagation(
         layer.slope.grad = scale * (propagated * bent * v).sum(dim=(0, 1))
         at_filter = propagated * bent * layer.slope
         _local(layer, inward, v, scale * at_filter)
-        propagated = _through_filter(layer, at_filter, truncated) @ layer.weight
+        propagated = _gained(layer, _through_filter(layer, at_filter, truncated)) @ layer.weight
     for parameter in network.parameters():
         parameter.grad = parameter.grad.contiguous()  # type: ignore[union-attr]  # as optimisers expect it
     return error.square().mean()
@@ -75,16 +75,16 @@ def _local(layer: DynamicLayer, inputs: torch.Tensor, v: torch.Tensor, error: to
             layer.bias.grad = error.sum(dim=(0, 1))
         return
     a, b = layer.feedback, layer.feedforward
-    summed = layer.weighted_sum(inputs)
+    summed, gained = layer.weighted_sum(inputs), _gained(layer, error)
     layer.weight.grad = torch.stack(
         [
-            (error * recursive_filter(inputs[..., p : p + 1].expand_as(v), b, a)).sum(dim=(0, 1))
+            (gained * recursive_filter(inputs[..., p : p + 1].expand_as(v), b, a)).sum(dim=(0, 1))
             for p in range(layer.inputs)
         ],
         dim=1,
     )
     if layer.bias is not None:
-        layer.bias.grad = (error * recursive_filter(torch.ones_like(v), b, a)).sum(dim=(0, 1))
+        layer.bias.grad = (gained * recursive_filter(torch.ones_like(v), b, a)).sum(dim=(0, 1))
     by_x, by_v = (recursive_filter(signal, _only_first(b), a) for signal in (summed, v))
     layer.feedforward.grad = torch.stack(
         [(error * _delayed(by_x, j)).sum(dim=(0, 1)) for j in range(layer.order + 1)], dim=1
@@ -96,6 +96,11 @@ def _local(layer: DynamicLayer, inputs: torch.Tensor, v: torch.Tensor, error: to
         (layer.pole_parameters.grad,) = torch.autograd.grad(
             layer.feedback, layer.pole_parameters, by_feedback
         )
+
+
+def _gained(layer: DynamicLayer, error: torch.Tensor) -> torch.Tensor:
+    """What an error at the weighted sum is before its gain."""
+    return error if layer.gain is None else layer.gain * error
 
 
 def _through_filter(layer: DynamicLayer, error: torch.Tensor, truncated: bool) -> torch.Tensor:

@@ -106,5 +106,5 @@ def _named(networks: Mapping[str, SequenceNetwork]) -> dict[str, torch.Tensor]:
     return {
         f"{network}.{name}": parameter
         for network, module in networks.items()
-        for name, parameter in module.named_parameters()
+        for name, parameter in (*module.named_parameters(), *module.named_buffers())
     }

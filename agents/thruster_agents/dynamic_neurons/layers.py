@@ -46,9 +46,11 @@ class DynamicLayer(nn.Module):
         stable: Keep poles inside of the unit circle by construction.
         bias: Add a trained constant to the weighted sum.
         memory: Shortest and longest time constant at the start, in samples, between which those of pairs of
-            poles are drawn log-uniformly, each pair a damped oscillation of up to 3 rad per time constant;
-            the gain for constants then does not depend on them. None for coefficients drawn around zero,
-            which forget within a few samples.
+            poles are drawn log-uniformly, each pair a damped oscillation of up to 3 rad per time constant.
+            The weighted sum then has a fixed gain, so that constants come through the filter as large as
+            without memory: slow filters amplify them, and would dwarf all other derivatives. Poles must be
+            stable ones: free coefficients of slow poles are too sensitive to be trained. None for
+            coefficients drawn around zero, which forget within a few samples.
         generator: Draws the parameters.
         dtype: Of the parameters, and of what goes through.
 
@@ -58,6 +60,7 @@ class DynamicLayer(nn.Module):
         feedforward: (units, r + 1), b_0 first; absent of order 0.
         pole_parameters: (units, r), what `feedback` is made of; absent of order 0.
         slope: (units,).
+        gain: (units,), fixed, of the weighted sum; None without `memory`.
     """
 
     def __init__(
@@ -80,6 +83,7 @@ class DynamicLayer(nn.Module):
         require(activation in ("tanh", "linear"), "activation", activation, "'tanh' or 'linear'")
         if memory is not None:
             require(0.0 < memory[0] <= memory[1], "memory", memory, "a shorter and a longer time in samples")
+            require(stable, "memory of free poles", memory, "None, or stable poles,")
         self.inputs, self.units, self.order = inputs, units, order
         self.activation, self.stable = activation, stable
 
@@ -88,16 +92,16 @@ class DynamicLayer(nn.Module):
 
         self.weight = nn.Parameter(uniform(_WEIGHTS, units, inputs))
         self.register_parameter("bias", nn.Parameter(torch.zeros(units, dtype=dtype)) if bias else None)
+        gain = None
         if order:
-            feedforward = uniform(_FEEDFORWARD, units, order + 1)
+            self.feedforward = nn.Parameter(uniform(_FEEDFORWARD, units, order + 1))
             if memory is None:
-                parameters = _parameters_of(uniform(_FEEDBACK, units, order), stable)
+                sections = uniform(_FEEDBACK, units, order)
             else:
                 sections = _sections(units, order, memory, generator, dtype)
-                parameters = _parameters_of(sections, stable) if stable else _expanded(sections)[:, 1:]
-                feedforward *= denominator(parameters, stable).sum(dim=1, keepdim=True)
-            self.feedforward = nn.Parameter(feedforward)
-            self.pole_parameters = nn.Parameter(parameters.contiguous())
+                gain = _expanded(sections).sum(dim=1)
+            self.pole_parameters = nn.Parameter(_parameters_of(sections) if stable else sections)
+        self.register_buffer("gain", gain)
         self.slope = nn.Parameter(torch.ones(units, dtype=dtype))
 
     @property
@@ -107,7 +111,8 @@ class DynamicLayer(nn.Module):
 
     def weighted_sum(self, inputs: torch.Tensor) -> torch.Tensor:
         """(batch, time, units), x of the module, of `inputs` (batch, time, inputs)."""
-        return nn.functional.linear(inputs, self.weight, self.bias)
+        summed = nn.functional.linear(inputs, self.weight, self.bias)
+        return summed if self.gain is None else self.gain * summed
 
     def filtered(self, inputs: torch.Tensor) -> torch.Tensor:
         """(batch, time, units), v of the module, of `inputs` (batch, time, inputs)."""
@@ -163,10 +168,8 @@ def _product(left: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
     )
 
 
-def _parameters_of(sections: torch.Tensor, stable: bool) -> torch.Tensor:
-    """Parameters (units, r) whose sections have these coefficients a_1, a_2, a_1, a_2, ..."""
-    if not stable:
-        return sections
+def _parameters_of(sections: torch.Tensor) -> torch.Tensor:
+    """Parameters (units, r) of stable sections with these coefficients a_1, a_2, a_1, a_2, ..."""
     parameters = sections.clone()
     paired = sections.shape[1] // 2 * 2
     parameters[:, 0:paired:2] = sections[:, 0:paired:2] / (1.0 + sections[:, 1:paired:2])

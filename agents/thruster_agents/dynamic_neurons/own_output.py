@@ -42,9 +42,10 @@ def run_on_own_output(layers: list[DynamicLayer], inputs: FloatArray) -> FloatAr
     first = 0
     for layer in layers:
         own = slice(first, first + layer.units)
-        weights[own, : layer.inputs] = layer.weight.detach().numpy()
+        gain = np.ones(layer.units) if layer.gain is None else layer.gain.numpy()
+        weights[own, : layer.inputs] = gain[:, np.newaxis] * layer.weight.detach().numpy()
         if layer.bias is not None:
-            rest[own, 0] = layer.bias.detach().numpy()
+            rest[own, 0] = gain * layer.bias.detach().numpy()
         rest[own, 1] = layer.slope.detach().numpy()
         if layer.order:
             feedforward[own, : layer.order + 1] = layer.feedforward.detach().numpy()

@@ -233,6 +233,7 @@ class _Run:
             return
         saved = {
             "parameters": _parameters(self.network),
+            "buffers": dict(self.network.named_buffers()),
             "best": self.best,
             "optimiser": self.optimiser.state_dict(),
             "errors": self.errors,
@@ -250,6 +251,7 @@ class _Run:
                 "would be right"
             )
         torch.nn.utils.vector_to_parameters(saved["parameters"], self.network.parameters())
+        self.network.load_state_dict(saved["buffers"], strict=False)
         self.best, self.errors, self.seconds = saved["best"], list(saved["errors"]), saved["seconds"]
         self.optimiser.load_state_dict(saved["optimiser"])
 
