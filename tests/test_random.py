@@ -55,7 +55,7 @@ def logarithms(x, out):
 def circles(turns, out):
     """The generator's own cosine and sine of every number of turns."""
     for k in range(turns.shape[0]):
-        out[k, 0], out[k, 1] = streams._cos_sin_turns(turns[k])
+        out[k, 0], out[k, 1] = streams.cos_sin_turns(turns[k])
 
 
 def numpy_block(counter: list[int], key: list[int]) -> list[int]:

@@ -24,7 +24,7 @@ _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 
 #: Purposes: the high half of the last counter word, so that two uses of one step never share a draw.
-STEP, RESET, FAULTS, COMMAND = 0, 1, 2, 3
+STEP, RESET, FAULTS, COMMAND, VALVES = 0, 1, 2, 3, 4
 
 
 @njit(forceinline=True)
@@ -65,7 +65,7 @@ def normal_pair(word):
     """Two independent standard normal numbers, at most 6.8 in size, from one word (Box and Muller 1958)."""
     first, second = uniform_pair(word)
     radius = np.sqrt(-2.0 * _log(first))
-    cosine, sine = _cos_sin_turns(second)
+    cosine, sine = cos_sin_turns(second)
     return radius * cosine, radius * sine
 
 
@@ -87,7 +87,7 @@ def _log(x):
 
 
 @njit(forceinline=True)
-def _cos_sin_turns(u):
+def cos_sin_turns(u):
     """Cosine and sine of ``u`` turns, 0 <= u <= 1: quarter-turn reduction and two Taylor polynomials."""
     quarter = np.floor(4.0 * u + 0.5)
     x = (4.0 * u - quarter) * 1.5707963267948966

@@ -18,14 +18,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS, Fault, FaultDistribution, encode
+from thruster_envs.faults import (
+    DISCHARGE_KINDS,
+    GENERAL_KINDS,
+    MODULATOR_KINDS,
+    Fault,
+    FaultDistribution,
+    encode,
+)
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
-from thruster_envs.physics import firing, flight
+from thruster_envs.physics import firing, flight, modulated_flight
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.compilation import announce_compilation
 from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
-from thruster_envs.physics.sensing import measure, write_measurement
+from thruster_envs.physics.sensing import measure, uniform_errors, write_measurement
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
 
@@ -38,6 +45,9 @@ FEW_CRAFT, MANY_CRAFT = 6, 1024
 #: rate, and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then
 #: stay a thousand times below Orion's sensor noise over half an orbit.
 TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
+
+#: Longest sub-step of craft behind a modulator unless another one is asked for, s.
+MODULATED_SUBSTEP = 0.1
 
 
 @dataclass(frozen=True)
@@ -58,10 +68,12 @@ class Fleet:
         craft: Number of craft in each world.
         slots: Faults that one craft can have at once.
         nonlinear: Full two-body relative motion instead of Hill's equations.
-        max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs.
+        max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs,
+            and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows the general ones.
+        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows the general ones, and those
+            of a modulator where the spacecraft has one.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.layout` says.
@@ -82,13 +94,17 @@ class Fleet:
         kinds: tuple[str, ...] = GENERAL_KINDS,
     ) -> None:
         announce_compilation()
-        self.kinds = kinds
+        modulated = spacecraft.modulator is not None
+        self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
         self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
         self.blocks = -(-bodies // self.lanes)
-        self.layout = at.Layout(spacecraft.number_of_thrusters)
+        self.layout = at.Layout(
+            spacecraft.number_of_thrusters,
+            modulated_flight.carried_pulses(spacecraft) if modulated else None,
+        )
         self.data = np.zeros((self.blocks, self.layout.fields, self.lanes))
         self.faults = np.zeros((self.blocks, self.lanes, slots, at.FAULT_WIDTH))
         self.streams = np.zeros((self.blocks, at.STREAM_ROWS, self.lanes), np.uint64)
@@ -101,7 +117,9 @@ class Fleet:
         self._tilts = _tilted_wrenches(spacecraft)
         inertia = np.array(spacecraft.inertia)
         self._inertia = _symmetric(inertia), _symmetric(np.linalg.inv(inertia))
-        self._radius = orbit_radius(spacecraft.mean_motion) if nonlinear else None
+        self._radius = None
+        if nonlinear:
+            self._radius = orbit_radius(spacecraft.mean_motion, spacecraft.gravitational_parameter)
         self._dynamic = bool(
             np.any(self.thrusters[[at.OPENING_DELAY, at.CLOSING_DELAY]] > 0.0)
             or np.any(self.thrusters[[at.RISE_RATE, at.FALL_RATE]] < 1.0 / _NO_TIME)
@@ -113,6 +131,14 @@ class Fleet:
         self._networks = np.concatenate(networks)
         self._starts = np.cumsum([0] + [len(network) for network in networks])
         self._kernel = flight.fly_singly if self.lanes == 1 else flight.fly_blocks
+        #: What the kernels behind a modulator read of the vehicle; None without one.
+        self._modulated: modulated_flight.Vehicle | None = None
+        if modulated:
+            self._modulated = modulated_flight.Vehicle(
+                self.thrusters, self.constants,
+                modulated_flight.modulator_constants(spacecraft, max_substep or MODULATED_SUBSTEP),
+                *self._inertia, self._radius,
+            )  # fmt: skip
         cores = os.cpu_count() or 1
         wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
@@ -155,7 +181,7 @@ class Fleet:
         else:
             kinds, shared = tuple(fault.kind for fault in source), any(fault.shared for fault in source)
         name, discharges = self.spacecraft.name, self.spacecraft.discharge is not None
-        possible = ", ".join(kind for kind in self.kinds if discharges or kind in GENERAL_KINDS)
+        possible = ", ".join(kind for kind in self.kinds if discharges or kind not in DISCHARGE_KINDS)
         for kind in kinds:
             if kind in DISCHARGE_KINDS and not discharges:
                 raise ValueError(
@@ -191,6 +217,8 @@ class Fleet:
             self.data, self.faults, self.streams, which, keys, episodes, self.craft,
             self.spacecraft.mass, self.wrenches, self._tilts, faults.rows, faults.table, faults.drawn,
         )  # fmt: skip
+        if self._modulated is not None:
+            modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.layout.phase)
 
     def look(self, which: NDArray[np.int64]) -> None:
         """Let the sensors of some worlds look at where their craft start."""
@@ -218,6 +246,10 @@ class Fleet:
             run_shared(work, list(pairwise(edges)))
 
     def _fly(self, move: bool, first: int, last: int) -> None:
+        if self._modulated is not None:
+            fly = modulated_flight.fly_singly if self.lanes == 1 else modulated_flight.fly_blocks
+            fly(self.data, self.faults, self.streams, self._modulated, move, first, last)
+            return
         self._kernel(
             self.data, self.faults, self.streams, self.thrusters, self.constants,
             self._networks, self._starts, *self._inertia, self._radius, self._dynamic, move, first, last,
@@ -284,6 +316,7 @@ def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
         rows[at.RISE_RATE, i] = 1.0 / max(thruster.rise_time, _NO_TIME)
         rows[at.FALL_RATE, i] = 1.0 / max(thruster.fall_time, _NO_TIME)
         rows[at.SCATTER, i] = thruster.scatter
+        rows[at.LAG_RATE, i] = 1.0 / max(thruster.time_constant, _NO_TIME)
         rows[at.FLOW_PER_THRUST, i] = 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY)
     rows[at.BELIEVED : at.BELIEVED + 6] = spacecraft.effectiveness()
     return rows
@@ -306,6 +339,7 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
     values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
     sensors = spacecraft.sensors
+    values[at.UNIFORM_ERRORS] = 1.0 if sensors.distribution == "uniform" else 0.0
     values[at.SIGMA_POSITION], values[at.SIGMA_VELOCITY] = sensors.position, sensors.velocity
     values[at.SIGMA_ATTITUDE], values[at.SIGMA_RATE] = sensors.attitude, sensors.rate
     drift = transition_matrix(spacecraft.mean_motion, spacecraft.control_period)[3:]
@@ -372,6 +406,8 @@ def _begin(
             streams[b, at.EPISODE, w], streams[b, at.CRAFT, w] = episodes[world], c
             for row in range(at.SCALARS + 5 * n):
                 data[b, row, w] = 0.0
+            for row in range(at.SCALARS + 11 * n, data.shape[1]):
+                data[b, row, w] = 0.0
             data[b, at.ATTITUDE, w], data[b, at.MEASURED + 6, w] = 1.0, 1.0
             data[b, at.MASS, w] = mass
             for i in range(n):
@@ -398,16 +434,17 @@ def _first_look(data, streams, constants, which, craft):
             purpose = np.uint64(RESET << 32) | np.uint64(c)
             a = philox(np.uint64(0), np.uint64(0), episode, purpose, key[0], key[1])
             z = philox(np.uint64(1), np.uint64(0), episode, purpose, key[0], key[1])
-            n0, n1 = normal_pair(a[0])
-            n2, n3 = normal_pair(a[1])
-            n4, n5 = normal_pair(a[2])
-            n6, n7 = normal_pair(a[3])
-            n8, n9 = normal_pair(z[0])
-            n10, n11 = normal_pair(z[1])
+            uniform = constants[at.UNIFORM_ERRORS] > 0.0
+            n0, n1 = uniform_errors(a[0]) if uniform else normal_pair(a[0])
+            n2, n3 = uniform_errors(a[1]) if uniform else normal_pair(a[1])
+            n4, n5 = uniform_errors(a[2]) if uniform else normal_pair(a[2])
+            n6, n7 = uniform_errors(a[3]) if uniform else normal_pair(a[3])
+            n8, n9 = uniform_errors(z[0]) if uniform else normal_pair(z[0])
+            n10, n11 = uniform_errors(z[1]) if uniform else normal_pair(z[1])
             truth = (
                 data[b, 0, w], data[b, 1, w], data[b, 2, w], data[b, 3, w], data[b, 4, w], data[b, 5, w],
                 data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w], data[b, 10, w], data[b, 11, w],
                 data[b, 12, w],
             )  # fmt: skip
-            normal = (n0, n1, n2, n3, n4, n5, n6, n7, n8, n9, n10, n11)
-            write_measurement(b, w, data, measure(truth, normal, constants))
+            errors = (n0, n1, n2, n3, n4, n5, n6, n7, n8, n9, n10, n11)
+            write_measurement(b, w, data, measure(truth, errors, constants))

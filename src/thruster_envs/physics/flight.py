@@ -199,7 +199,7 @@ def _fly_block(
         _integrate(constants[at.MEAN_MOTION], inertia, inverse, radius, node_count, schedule, cursor, state)
     _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
     if fly:
-        _finish(b, data, state)
+        finish(b, data, state)
         expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
         look(b, data, constants, inertia, inverse, words, state, sight)
 
@@ -676,7 +676,7 @@ def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state)
         a = _ENTRY * j + 1
         m, z = a + middle, a + end
         for w in range(lanes):
-            _substep(
+            substep(
                 state, w, schedule[_ENTRY * j + _H, w], n, inertia, inverse, radius,
                 (schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
                 (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
@@ -684,18 +684,19 @@ def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state)
                 (schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
                 (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
                 (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w]),
-                schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w],
+                schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w], None,
             )  # fmt: skip
 
 
 @njit(forceinline=True)
-def _substep(
+def substep(
     state, w, h, n, inertia, inverse, radius,
-    force_0, force_m, force_1, torque_0, torque_m, torque_1, flow_0, flow_m, flow_1,
+    force_0, force_m, force_1, torque_0, torque_m, torque_1, flow_0, flow_m, flow_1, push,
 ):  # fmt: skip
     """One sub-step of one craft.
 
-    Forces and torques in the body at its start, middle and end are in N and N m, mass flow in kg/s.
+    Forces and torques in the body at its start, middle and end are in N and N m, mass flow in kg/s. ``push``
+    is a constant acceleration beside them, m/s^2 in LVLH, or None.
     """
     rate = (state[_W, w], state[_W + 1, w], state[_W + 2, w])
     quarter, middle, end = rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h)
@@ -708,9 +709,9 @@ def _substep(
     r, v = translation_step(
         (state[_R, w], state[_R + 1, w], state[_R + 2, w]),
         (state[_V, w], state[_V + 1, w], state[_V + 2, w]),
-        _specific(rotate_back(q, force_0), mass),
-        _specific(rotate_back(q_m, force_m), mass_m),
-        _specific(rotate_back(q_1, force_1), mass_1),
+        _specific(rotate_back(q, force_0), mass, push),
+        _specific(rotate_back(q_m, force_m), mass_m, push),
+        _specific(rotate_back(q_1, force_1), mass_1, push),
         n, radius, h,
     )  # fmt: skip
     state[_R, w], state[_R + 1, w], state[_R + 2, w] = r[0], r[1], r[2]
@@ -721,13 +722,16 @@ def _substep(
 
 
 @njit(forceinline=True)
-def _specific(force, mass):
+def _specific(force, mass, push):
+    """Acceleration by a force and beside it; whether there is any beside it is decided when compiled."""
     inverse = 1.0 / mass
-    return (inverse * force[0], inverse * force[1], inverse * force[2])
+    if push is None:
+        return (inverse * force[0], inverse * force[1], inverse * force[2])
+    return (inverse * force[0] + push[0], inverse * force[1] + push[1], inverse * force[2] + push[2])
 
 
 @njit(forceinline=True)
-def _finish(b, data, state):
+def finish(b, data, state):
     """Write the moved state back, with the quaternion at unit length."""
     lanes = state.shape[1]
     for w in range(lanes):

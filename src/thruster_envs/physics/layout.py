@@ -37,10 +37,12 @@ FAULT_WIDTH = FAULT_TILTED + 6
 THRUST, MINIMUM_PULSE, OPENING_DELAY, CLOSING_DELAY = 0, 1, 2, 3
 RISE_RATE, FALL_RATE, SCATTER, FLOW_PER_THRUST = 4, 5, 6, 7  # 1/s, 1/s, share, kg/s per N
 BELIEVED = 8  # 6, nominal rate change per second of firing, m/s^2 and rad/s^2
-THRUSTER_ROWS = 14
+LAG_RATE = 14  # 1/s
+THRUSTER_ROWS = 15
 
 # Entries of the vehicle's scalar constants.
 PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS = 0, 1, 2, 3, 4
+UNIFORM_ERRORS = 5  # 1 where measurement errors are uniform, 0 where they are normal
 SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
 # Sub-steps: none longer than MAX_SUBSTEP (s); more of them while the craft would turn further in one than
 # TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A
@@ -57,9 +59,13 @@ STREAM_ROWS = 4
 
 @dataclass(frozen=True)
 class Layout:
-    """Rows of the per-thruster fields for a vehicle of ``thrusters`` thrusters."""
+    """Rows of the per-thruster fields for a vehicle of ``thrusters`` thrusters.
+
+    ``carried`` is the number of earlier pulses that a modulator may still have open; None without one.
+    """
 
     thrusters: int
+    carried: int | None = None
 
     @property
     def duties(self) -> int:
@@ -95,6 +101,33 @@ class Layout:
         return SCALARS + 5 * self.thrusters
 
     @property
+    def pending(self) -> int:
+        """First row of the pulses still to come behind a modulator, oldest first.
+
+        Of each: ``thrusters`` rows of its opening, of its closing (s of the coming period), and of the
+        on-time commanded (s).
+        """
+        return SCALARS + 11 * self.thrusters
+
+    @property
+    def inhibited(self) -> int:
+        """Behind a modulator, first row of the isolation valves: 1 closed, 0 open. For a task to write."""
+        return self.pending + 3 * (self.carried or 0) * self.thrusters
+
+    @property
+    def push(self) -> int:
+        """Behind a modulator, first row of the acceleration beside the thrust: 3, m/s^2, LVLH.
+
+        For a task to write; it is held until written again.
+        """
+        return self.inhibited + self.thrusters
+
+    @property
+    def phase(self) -> int:
+        """Row of the phase of a modulator's sine, turns."""
+        return self.push + 3
+
+    @property
     def fields(self) -> int:
         """Number of rows."""
-        return SCALARS + 11 * self.thrusters
+        return self.pending if self.carried is None else self.phase + 1

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from thruster_envs.faults.record import KINDS
+from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.plasma_pulse import PulseMap
@@ -64,8 +64,9 @@ class PulsedFleet(Fleet):
     ) -> None:
         discharge = discharge_of(spacecraft)
         super().__init__(
-            spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads, kinds=KINDS
-        )
+            spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
+            kinds=GENERAL_KINDS + DISCHARGE_KINDS,
+        )  # fmt: skip
         pulsed = np.zeros(pulse.PULSED)
         pulsed[pulse.FIRING_TIME] = discharge.firing_time
         pulsed[pulse.GRADIENT] = 3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0

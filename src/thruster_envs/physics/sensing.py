@@ -1,23 +1,30 @@
 """What a craft's navigation says of it: a noisy state, and the rate change that follows from it.
 
-Models white Gaussian noise of a stated size on each axis, independent from one control period to the next
-(Yang 2003, section 6.4: carrier-phase differential GPS). The *measured rate change* of a period is the
-difference of two consecutive velocity measurements less what free motion would have done in between (orbital
-drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would have given
-for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out biases, time
-correlation and drop-outs.
+Models white noise of a stated size on each axis, normal or uniform, independent from one control period to
+the next (Yang 2003, section 6.4: carrier-phase differential GPS). The *measured rate change* of a period is
+the difference of two consecutive velocity measurements less what free motion would have done in between
+(orbital drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would
+have given for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out
+biases, time correlation and drop-outs.
 """
 
 from numba import njit
 
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import angular_acceleration, exponential, quaternion_product, rotate
-from thruster_envs.random import normal_pair
+from thruster_envs.random import normal_pair, uniform_pair
+
+
+@njit(forceinline=True)
+def uniform_errors(word):
+    """Two independent uniform numbers of mean 0 and variance 1 from one word."""
+    first, second = uniform_pair(word)
+    return 1.7320508075688772 * (2.0 * first - 1.0), 1.7320508075688772 * (2.0 * second - 1.0)
 
 
 @njit(forceinline=True)
 def measure(truth, noise, constants):
-    """Thirteen measured numbers from the true ones and twelve standard normal numbers.
+    """Thirteen measured numbers from the true ones and twelve random numbers of mean 0 and variance 1.
 
     They are position, velocity, attitude and rate.
     """
@@ -85,7 +92,7 @@ def write_measurement(b, w, data, measured):
     data[b, m + 11, w], data[b, m + 12, w] = measured[11], measured[12]
 
 
-# Rows of a block's scratch: normal numbers, the measurement before and after the period, the rate change in
+# Rows of a block's scratch: random numbers, the measurement before and after the period, the rate change in
 # between.
 _NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
 
@@ -98,9 +105,14 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
     ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
     lanes = sight.shape[1]
-    for k in range(6):
-        for w in range(lanes):
-            sight[2 * k, w], sight[2 * k + 1, w] = normal_pair(words[k, w])
+    if constants[at.UNIFORM_ERRORS] > 0.0:
+        for k in range(6):
+            for w in range(lanes):
+                sight[2 * k, w], sight[2 * k + 1, w] = uniform_errors(words[k, w])
+    else:
+        for k in range(6):
+            for w in range(lanes):
+                sight[2 * k, w], sight[2 * k + 1, w] = normal_pair(words[k, w])
     for k in range(13):
         for w in range(lanes):
             sight[_OLD + k, w] = data[b, at.MEASURED + k, w]

@@ -1,0 +1,621 @@
+"""One control period of a batch of craft whose thrusters stand behind a modulator.
+
+Models one pulse per thruster and period, put off by the delay of the modulator: nominal, with a sine common
+to the thrusters of a craft and an error of each pulse (:class:`~thruster_envs.spacecraft.Modulator`), so that
+a pulse may lie in the periods after that of its command. Pulses that overlap are one. The thrust follows the
+opening ``g`` of the valve with a first-order lag, ``time_constant q' = g - q``; an isolation valve that is
+closed stops ``g``, whatever is wrong with the thruster. Faults act on ``g`` (stuck, leaking, blocked), on the
+lag (slow), on the delay (late), or on the thrust (loss, misalignment). There is a constant acceleration
+beside the thrust, held for the period, for whatever else disturbs a craft.
+
+No thruster feels another one, so a period needs no corners: with the lag, the impulse of a thruster over a
+sub-step and its first moment are closed forms of the pulses and of the levels at both ends. The craft moves,
+sub-step by sub-step, under the wrench that is a straight line in time of the same impulse and the same first
+moment. So impulses are exact whatever the sub-step, and so is the motion but for how far the craft turns in
+one. A thruster with a fault that begins, ends or varies in a sub-step is followed corner by corner, its
+thrust integrated by Gauss and Legendre's rule.
+
+Leaves out the shared feed, linear ramps of the valves (a spacecraft with a modulator has neither), pulses
+that a fault makes overtake each other, and depletion inside a period. A thruster is as slow or as late in a
+period as at its start. What a misalignment turns is the nominal thrust, whatever stands in ``columns``.
+
+Source: Fonod, Henry, Charbonnel, Bornschlegl 2013, "Robust thruster fault diagnosis: application to the
+rendezvous phase of the Mars Sample Return mission", sections 2 and 4.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import encoding as code
+from thruster_envs.physics import firing
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.flight import draw_words, finish, substep
+from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
+from thruster_envs.random import VALVES, cos_sin_turns, philox, uniform_pair
+
+# Entries of the constants of a modulator: s, s, 1/s, s; integration sub-steps of a period; pulses of earlier
+# periods that may still be open.
+DELAY, VARIATION, FREQUENCY, JITTER, SUBSTEPS, CARRIED, MODULATED = range(7)
+
+
+class Vehicle(NamedTuple):
+    """What the kernels read of a vehicle.
+
+    Attributes:
+        thrusters: (THRUSTER_ROWS, n) and
+        constants: (CONSTANTS,), as :mod:`.layout` has them.
+        modulator: (MODULATED,).
+        inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
+        inverse: Of the inertia, in the same form.
+        radius: Of the orbit, m; None for Hill's equations.
+    """
+
+    thrusters: NDArray[np.float64]
+    constants: NDArray[np.float64]
+    modulator: NDArray[np.float64]
+    inertia: tuple[float, ...]
+    inverse: tuple[float, ...]
+    radius: float | None
+
+
+# Rows of a block's moving state, as in ``data``.
+_M, _STATE = 13, 14
+# Groups of rows of one pulse: opening and closing, s of the period, and the on-time that was commanded, s.
+_OPENS, _CLOSES, _ON_TIME, _PULSE = range(4)
+# Per-thruster groups of rows of the valves. Level of the thrust now and at the start of the sub-step, 1 over
+# the time constant, strength by scatter, nominal on-time of the period, delivered on-time of it; what faults
+# make of a command g, namely an opening of ``floor + slope g`` and a thrust multiplied by ``gain``; how the
+# faults go with time; 0 if its isolation valve is closed, else 1; then impulse over nominal thrust and first
+# moment of it in the sub-step, s and s^2, of the flow and of the thrust, and the time for which the valve was
+# open.
+(
+    _LEVEL, _BEFORE, _RATE, _STRENGTH, _NOMINAL, _DELIVERED, _FLOOR, _SLOPE, _GAIN, _FAULTY, _FED,
+    _FLOW_0, _FLOW_1, _THRUST_0, _THRUST_1, _OPEN, _VALVE_GROUPS,
+) = range(17)  # fmt: skip
+#: How the faults of a thruster go with time within a period.
+_STEADY, _CHANGING = 1.0, 2.0
+# Rows of the impulse in a sub-step and then of its first moment: body wrench, mass.
+_WRENCH, _MASS_FLOW, _MOMENT, _SUMS = 0, 6, 7, 14
+# Rows of the scratch of a valve: time open, its first moment, what it adds to the level, end of the pulse.
+_TIME, _TIME_MOMENT, _RISE, _CURSOR, _SCRATCH = range(5)
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def fly_blocks(data, faults, streams, vehicle, fly, first, last):
+    """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
+
+    Duties, closed isolation valves and the acceleration beside the thrust stand in ``data``, in the rows that
+    :class:`.layout.Layout` names. ``vehicle`` is a :class:`Vehicle`. ``fly`` False fires the thrusters
+    without moving the craft or reading its sensors. Nothing outside the given blocks is read or written.
+    """
+    n, count = vehicle.thrusters.shape[1], int(vehicle.modulator[CARRIED]) + 1
+    words = np.zeros((4 * ((n + 1) // 8 + 3), 32), np.uint64)
+    pulses = np.zeros((_PULSE * count * n, 32))
+    valves = np.zeros((_VALVE_GROUPS * n, 32))
+    columns = np.zeros((6 * n, 32))
+    state = np.zeros((_STATE, 32))
+    sums = np.zeros((_SUMS, 32))
+    scratch = np.zeros((_SCRATCH, 32))
+    sight = np.zeros((SIGHT_ROWS, 32))
+    corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
+    for b in range(first, last):
+        _fly_block(
+            b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
+            scratch, sight, corners,
+        )  # fmt: skip
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def fly_singly(data, faults, streams, vehicle, fly, first, last):
+    """The same as :func:`fly_blocks` for blocks of one craft."""
+    n, count = vehicle.thrusters.shape[1], int(vehicle.modulator[CARRIED]) + 1
+    words = np.zeros((4 * ((n + 1) // 8 + 3), 1), np.uint64)
+    pulses = np.zeros((_PULSE * count * n, 1))
+    valves = np.zeros((_VALVE_GROUPS * n, 1))
+    columns = np.zeros((6 * n, 1))
+    state = np.zeros((_STATE, 1))
+    sums = np.zeros((_SUMS, 1))
+    scratch = np.zeros((_SCRATCH, 1))
+    sight = np.zeros((SIGHT_ROWS, 1))
+    corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
+    for b in range(first, last):
+        _fly_block(
+            b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
+            scratch, sight, corners,
+        )  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
+def draw_phases(data, streams, which, craft, row):
+    """Draw the phase of the modulator's sine, in turns, for the craft of the worlds ``which``."""
+    lanes = data.shape[2]
+    for k in range(which.shape[0]):
+        for c in range(craft):
+            b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
+            data[b, row, w] = uniform_pair(_valve_words(b, w, streams, 0xFFFFFFFF, 0)[0])[0]
+
+
+@njit(forceinline=True)
+def _valve_words(b, w, streams, block, step):
+    """Four random words of a craft for its modulator."""
+    return philox(
+        np.uint64(block), np.uint64(step), streams[b, at.EPISODE, w],
+        streams[b, at.CRAFT, w] | np.uint64(VALVES << 32),
+        streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _fly_block(
+    b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums, scratch,
+    sight, corners,
+):  # fmt: skip
+    thrusters, constants, modulator = vehicle.thrusters, vehicle.constants, vehicle.modulator
+    n, lanes, period = thrusters.shape[1], state.shape[1], constants[at.PERIOD]
+    further = at.SCALARS + 11 * n
+    inhibited = further + _PULSE * (count - 1) * n
+    push = inhibited + n
+    for k in range(_STATE):
+        for w in range(lanes):
+            state[k, w] = data[b, k, w]
+    for k in range(6 * n):
+        for w in range(lanes):
+            columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
+    _command_valves(b, data, streams, thrusters, constants, modulator, count, further, pulses, valves)
+    draw_words(b, data, streams, words, n)
+    _set_strengths(thrusters, constants, words, state, valves)
+    changing = False
+    for w in range(lanes):
+        for k in range(faults.shape[2]):
+            if faults[b, w, k, code.FIELD_KIND] > 0.0:
+                changing |= _strike(b, w, faults, data[b, at.STEP, w] * period, period, count, pulses,
+                                    valves, columns)  # fmt: skip
+                break
+    for i in range(n):
+        for w in range(lanes):
+            flows = 1.0 - data[b, inhibited + i, w]
+            valves[_FLOOR * n + i, w] *= flows
+            valves[_SLOPE * n + i, w] *= flows
+            valves[_FED * n + i, w] = flows
+            valves[_NOMINAL * n + i, w] *= flows
+    for k in range(6):
+        for w in range(lanes):
+            data[b, at.IMPULSE + k, w] = 0.0
+    pieces = int(modulator[SUBSTEPS])
+    h = period / pieces
+    for s in range(pieces):
+        _follow_valves(pulses, count, s * h, h, valves, scratch, n)
+        _sum_thrusters(thrusters, columns, valves, sums)
+        if changing:
+            for w in range(lanes):
+                start = data[b, at.STEP, w] * period + s * h
+                for i in range(n):
+                    if valves[_FAULTY * n + i, w] == _CHANGING:
+                        _follow_changes(
+                            b, w, i, faults, start, s * h, h, pulses, count, thrusters, valves, columns,
+                            sums, corners,
+                        )  # fmt: skip
+        for i in range(n):
+            for w in range(lanes):
+                valves[_DELIVERED * n + i, w] += valves[_THRUST_0 * n + i, w]
+                data[b, at.OPEN_TIME, w] += valves[_OPEN * n + i, w]
+        for k in range(6):
+            for w in range(lanes):
+                data[b, at.IMPULSE + k, w] += sums[k, w]
+        if fly:
+            _move(b, data, push, vehicle, h, sums, state)
+    _store(b, data, count, further, period, pulses, valves, n)
+    if fly:
+        finish(b, data, state)
+        expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
+        look(b, data, constants, vehicle.inertia, vehicle.inverse, words, state, sight)
+
+
+@njit(forceinline=True)
+def _command_valves(b, data, streams, thrusters, constants, modulator, count, further, pulses, valves):
+    """The pulses that are still to come, the one that is commanded now, and the nominal on-times."""
+    n, lanes, period = thrusters.shape[1], pulses.shape[1], constants[at.PERIOD]
+    newest = _PULSE * (count - 1) * n
+    phase = further + newest + n + 3
+    for k in range(newest):
+        for w in range(lanes):
+            pulses[k, w] = data[b, further + k, w]
+    # The errors of the delays, -1..1, wait in the rows of the openings.
+    for block in range((n + 7) // 8):
+        for w in range(lanes):
+            four = _valve_words(b, w, streams, block, np.int64(data[b, at.STEP, w]))
+            for k in range(4):
+                i = 8 * block + 2 * k
+                first, second = uniform_pair(four[k])
+                if i < n:
+                    pulses[newest + _OPENS * n + i, w] = 2.0 * first - 1.0
+                if i + 1 < n:
+                    pulses[newest + _OPENS * n + i + 1, w] = 2.0 * second - 1.0
+    for w in range(lanes):
+        turns = data[b, at.STEP, w] * period * modulator[FREQUENCY] + data[b, phase, w]
+        sine = cos_sin_turns(turns - math.floor(turns))[1]
+        valves[_NOMINAL * n, w] = modulator[DELAY] + modulator[VARIATION] * sine
+    common = _NOMINAL * n
+    for i in range(n - 1, -1, -1):
+        minimum = thrusters[at.MINIMUM_PULSE, i]
+        later, longer = thrusters[at.OPENING_DELAY, i], thrusters[at.CLOSING_DELAY, i]
+        nominal = modulator[DELAY] + later + 1.0 / thrusters[at.LAG_RATE, i]
+        for w in range(lanes):
+            on_time = data[b, at.SCALARS + i, w] * period
+            on_time = on_time if on_time >= minimum else 0.0
+            begins = valves[common, w] + modulator[JITTER] * pulses[newest + _OPENS * n + i, w]
+            opens = begins + later
+            closes = begins + on_time + longer if on_time > 0.0 else opens
+            pulses[newest + _OPENS * n + i, w] = opens
+            pulses[newest + _CLOSES * n + i, w] = closes if closes > opens else opens
+            pulses[newest + _ON_TIME * n + i, w] = on_time
+            valves[_LEVEL * n + i, w] = data[b, at.SCALARS + 3 * n + i, w]
+            valves[_RATE * n + i, w] = thrusters[at.LAG_RATE, i]
+            valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w] = 0.0, 1.0
+            valves[_GAIN * n + i, w], valves[_FAULTY * n + i, w] = 1.0, 0.0
+            valves[_DELIVERED * n + i, w] = 0.0
+        for w in range(lanes):
+            valves[_STRENGTH * n + i, w] = 0.0
+        for p in range(count):
+            age = (count - 1 - p) * period
+            for w in range(lanes):
+                begin = nominal - age
+                end = begin + pulses[(_PULSE * p + _ON_TIME) * n + i, w] + longer - later
+                begin = begin if begin > 0.0 else 0.0
+                end = end if end < period else period
+                valves[_STRENGTH * n + i, w] += end - begin if end > begin else 0.0
+        for w in range(lanes):
+            # The first thruster comes last: until then its row holds the delay common to all.
+            valves[_NOMINAL * n + i, w] = valves[_STRENGTH * n + i, w]
+
+
+@njit(forceinline=True)
+def _set_strengths(thrusters, constants, words, state, valves):
+    """Strength of each thruster in this period: its scatter, and none without propellant."""
+    n, lanes = thrusters.shape[1], state.shape[1]
+    for i in range(n):
+        scatter = thrusters[at.SCATTER, i]
+        for w in range(lanes):
+            first, second = uniform_pair(words[6 + i // 2, w])
+            strength = 1.0 + scatter * (2.0 * (first if i % 2 == 0 else second) - 1.0)
+            valves[_STRENGTH * n + i, w] = strength if state[_M, w] > constants[at.DRY_MASS] else 0.0
+
+
+@njit
+def _strike(b, w, faults, start, period, count, pulses, valves, columns):
+    """Let the faults of a craft act on its thrusters for a period, those that change within it apart.
+
+    Returns whether there are such.
+    """
+    n, newest, changing = columns.shape[0] // 6, _PULSE * (count - 1), False
+    middle = start + 0.5 * period
+    for k in range(faults.shape[2]):
+        fault = faults[b, w, k]
+        kind = fault[code.FIELD_KIND]
+        if not (kind > 0.0 and fault[code.FIELD_ONSET] < start + period and fault[code.FIELD_END] > start):
+            continue
+        i = int(fault[code.FIELD_THRUSTER])
+        if kind == code.LATE_OPENING:
+            if firing.is_active(fault, start):
+                opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
+                pulses[opens, w] = min(pulses[opens, w] + firing.severity(fault, start), pulses[closes, w])
+        elif kind == code.SLOW_OPENING:
+            if firing.is_active(fault, start):
+                slower = 1.0 / valves[_RATE * n + i, w] + firing.severity(fault, start)
+                valves[_RATE * n + i, w] = 1.0 / slower
+        else:
+            steady = firing.is_steady(fault, start, period)
+            changing |= not steady
+            valves[_FAULTY * n + i, w] = max(valves[_FAULTY * n + i, w], _STEADY if steady else _CHANGING)
+    for i in range(n):
+        if valves[_FAULTY * n + i, w] == _STEADY:
+            floor, slope, gain = _health(b, w, i, faults, middle, middle)
+            valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w] = floor, slope
+            valves[_GAIN * n + i, w] = gain
+            for k in range(faults.shape[2]):
+                if _tilts(faults[b, w, k], i, middle):
+                    tilt = firing.severity(faults[b, w, k], middle)
+                    for c in range(6):
+                        columns[6 * i + c, w] = (
+                            math.cos(tilt) * columns[6 * i + c, w]
+                            + math.sin(tilt) * faults[b, w, k, at.FAULT_TILTED + c]
+                        )
+    return changing
+
+
+@njit
+def _tilts(fault, i, t):
+    """Whether a fault tilts thruster ``i`` (from 0) at ``t``, s of the episode."""
+    return (
+        fault[code.FIELD_KIND] == code.MISALIGNMENT
+        and int(fault[code.FIELD_THRUSTER]) == i
+        and firing.is_active(fault, t)
+    )
+
+
+@njit
+def _health(b, w, i, faults, within, t):
+    """Floor, slope and gain of thruster ``i`` at ``t``, by the faults that are active at ``within``.
+
+    Stuck open comes first, then leaking, then blocked or lossy; s of the episode.
+    """
+    floor, slope, gain = 0.0, 1.0, 1.0
+    for rank in range(3):
+        for k in range(faults.shape[2]):
+            fault = faults[b, w, k]
+            kind = int(fault[code.FIELD_KIND])
+            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
+            if its_rank == rank and int(fault[code.FIELD_THRUSTER]) == i and firing.is_active(fault, within):
+                floor, slope, gain = firing.apply_fault(kind, firing.severity(fault, t), floor, slope, gain)
+    return floor, slope, gain
+
+
+@njit(forceinline=True)
+def falling(x):
+    """``exp(-x)`` for ``x`` of 0 or more, to rounding; without branches, so that it vectorises."""
+    x = x if x < 700.0 else 700.0
+    k = math.floor(1.4426950408889634 * x + 0.5)
+    r = (0.693147180369123816490 * k - x) + 1.90821492927058770002e-10 * k
+    series = 1.0 + r * (1.0 + 1 / 2 * r * (1.0 + 1 / 3 * r * (1.0 + 1 / 4 * r * (1.0 + 1 / 5 * r * (
+        1.0 + 1 / 6 * r * (1.0 + 1 / 7 * r * (1.0 + 1 / 8 * r * (1.0 + 1 / 9 * r * (1.0 + 1 / 10 * r * (
+            1.0 + 1 / 11 * r * (1.0 + 1 / 12 * r * (1.0 + 1 / 13 * r)))))))))
+    )))  # fmt: skip
+    # The sum with 1.5 * 2**52 has the whole number 1023 - k in its last bits, the exponent of 2**-k.
+    bits = np.float64(6755399441055744.0 + (1023.0 - k)).view(np.int64) << 52
+    return series * np.int64(bits).view(np.float64)
+
+
+@njit(forceinline=True)
+def _follow_valves(pulses, count, before, h, valves, scratch, n):
+    """Impulse and first moment of every thruster over the ``h`` seconds from ``before`` on, by its pulses.
+
+    The lag turns the time open and its moment, ``G0`` and ``G1``, into those of the level, ``Q0 = G0 - tau
+    (q1 - q0)`` and ``Q1 = G1 - tau (h q1 - Q0)``, with the levels ``q0`` and ``q1`` at both ends.
+    """
+    lanes = valves.shape[1]
+    for i in range(n):
+        for k in range(_SCRATCH):
+            for w in range(lanes):
+                scratch[k, w] = 0.0
+        rate_row = _RATE * n + i
+        for p in range(count):
+            opens_row, closes_row = (_PULSE * p + _OPENS) * n + i, (_PULSE * p + _CLOSES) * n + i
+            for w in range(lanes):
+                start, end = pulses[opens_row, w] - before, pulses[closes_row, w] - before
+                start = start if start > scratch[_CURSOR, w] else scratch[_CURSOR, w]
+                start = start if start < h else h
+                end = end if end > start else start
+                end = end if end < h else h
+                rate = valves[rate_row, w]
+                scratch[_TIME, w] += end - start
+                scratch[_TIME_MOMENT, w] += 0.5 * (end - start) * (end + start)
+                scratch[_RISE, w] += falling((h - end) * rate) - falling((h - start) * rate)
+                scratch[_CURSOR, w] = end
+        for w in range(lanes):
+            floor, slope, rate = valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w], valves[rate_row, w]
+            level, kept = valves[_LEVEL * n + i, w], falling(h * rate)
+            opened = floor * h + slope * scratch[_TIME, w]
+            moment = 0.5 * floor * h * h + slope * scratch[_TIME_MOMENT, w]
+            after = level * kept + floor * (1.0 - kept) + slope * scratch[_RISE, w]
+            lag = 1.0 / rate
+            flow = opened - lag * (after - level)
+            flow_moment = moment - lag * (h * after - flow)
+            strength = valves[_STRENGTH * n + i, w]
+            valves[_BEFORE * n + i, w], valves[_LEVEL * n + i, w] = level, after
+            valves[_OPEN * n + i, w] = opened
+            valves[_FLOW_0 * n + i, w], valves[_FLOW_1 * n + i, w] = strength * flow, strength * flow_moment
+            gain = valves[_GAIN * n + i, w]
+            valves[_THRUST_0 * n + i, w] = gain * (strength * flow)
+            valves[_THRUST_1 * n + i, w] = gain * (strength * flow_moment)
+
+
+@njit(forceinline=True)
+def _sum_thrusters(thrusters, columns, valves, sums):
+    """Body impulse, mass that has flown out, and their first moments; thrusters are taken four at a time."""
+    n, lanes = thrusters.shape[1], sums.shape[1]
+    fours = n - n % 4
+    for k in range(_SUMS):
+        for w in range(lanes):
+            sums[k, w] = 0.0
+    for moment in range(2):
+        row, thrust, flow = _MOMENT * moment, (_THRUST_0 + moment) * n, (_FLOW_0 + moment) * n
+        for i in range(0, fours, 4):
+            t, c = thrust + i, 6 * i
+            for k in range(6):
+                for w in range(lanes):
+                    sums[row + k, w] += (
+                        valves[t, w] * columns[c + k, w] + valves[t + 1, w] * columns[c + 6 + k, w]
+                    ) + (
+                        valves[t + 2, w] * columns[c + 12 + k, w] + valves[t + 3, w] * columns[c + 18 + k, w]
+                    )
+        for i in range(fours, n):
+            for k in range(6):
+                for w in range(lanes):
+                    sums[row + k, w] += valves[thrust + i, w] * columns[6 * i + k, w]
+        for i in range(n):
+            flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+            for w in range(lanes):
+                sums[row + _MASS_FLOW, w] += flow_per_thrust * valves[flow + i, w]
+
+
+#: Longest part of a sub-step in which a fault that varies is followed at once, s, and most parts of a piece.
+_PART, _MOST_PARTS = 0.01, 64.0
+#: Nodes and weights of Gauss and Legendre's rule on 0..1 with five nodes, and the first node of the one with
+#: two.
+_NODES = tuple(0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0])
+_WEIGHTS = tuple(0.5 * np.polynomial.legendre.leggauss(5)[1])
+_GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
+
+
+@njit
+def _follow_changes(
+    b, w, i, faults, start, before, h, pulses, count, thrusters, valves, columns, sums, corners
+):  # fmt: skip
+    """Take thruster ``i`` of one craft out of the sums, and put it in as its changing faults make it.
+
+    Between the corners of its pulses and faults, in parts in which the opening is taken as a straight line,
+    so that the lag has a closed form; ``start``, s of the episode, is where the sub-step begins.
+    """
+    n = thrusters.shape[1]
+    rate, strength = valves[_RATE * n + i, w], valves[_STRENGTH * n + i, w]
+    flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+    _add_thruster(w, i, flow_per_thrust, -1.0, n, valves, columns, sums)
+    lag, level, fed = 1.0 / rate, valves[_BEFORE * n + i, w], valves[_FED * n + i, w]
+    used = _sorted_corners(b, w, i, faults, start, before, h, pulses, count, n, corners)
+    flow_0, flow_1, thrust_0, thrust_1, opened, a = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for c in range(used + 1):
+        end = corners[c, 0] if c < used else h
+        piece = end - a
+        if not piece > 0.0:
+            continue
+        parts = math.ceil(piece * max(1.0 / _PART, min(rate, _MOST_PARTS / piece)))
+        length = piece / parts
+        within = start + a + 0.5 * piece
+        commanded = _is_open(w, i, pulses, count, n, before + a + 0.5 * piece)
+        for part in range(int(parts)):
+            left = a + part * length
+            f_1, s_1, _ = _health(b, w, i, faults, within, start + left + _GAUSS * length)
+            f_2, s_2, _ = _health(b, w, i, faults, within, start + left + (1.0 - _GAUSS) * length)
+            g_1, g_2 = fed * (f_1 + s_1 * commanded), fed * (f_2 + s_2 * commanded)
+            bend = (g_2 - g_1) / (1.0 - 2.0 * _GAUSS)  # over the whole part
+            first = g_1 - _GAUSS * bend
+            behind = first - bend / length * lag
+            opened += 0.5 * (g_1 + g_2) * length
+            for k in range(5):
+                since = _NODES[k] * length
+                at_node = behind + bend * _NODES[k] + (level - behind) * falling(since * rate)
+                t = start + left + since
+                gain = _health(b, w, i, faults, within, t)[2]
+                share = strength * _WEIGHTS[k] * length * at_node
+                flow_0 += share
+                flow_1 += share * (left + since)
+                thrust_0 += gain * share
+                thrust_1 += gain * share * (left + since)
+                _tilt(b, w, i, faults, within, t, gain * share, left + since, columns, sums)
+            level = behind + bend + (level - behind) * falling(length * rate)
+        a = end
+    valves[_LEVEL * n + i, w], valves[_OPEN * n + i, w] = level, opened
+    valves[_FLOW_0 * n + i, w], valves[_FLOW_1 * n + i, w] = flow_0, flow_1
+    valves[_THRUST_0 * n + i, w], valves[_THRUST_1 * n + i, w] = thrust_0, thrust_1
+    _add_thruster(w, i, flow_per_thrust, 1.0, n, valves, columns, sums)
+
+
+@njit
+def _add_thruster(w, i, flow_per_thrust, sign, n, valves, columns, sums):
+    """Add one thruster of one craft to the sums, or take it out with ``sign`` -1."""
+    for moment in range(2):
+        row = _MOMENT * moment
+        for k in range(6):
+            sums[row + k, w] += sign * valves[(_THRUST_0 + moment) * n + i, w] * columns[6 * i + k, w]
+        sums[row + _MASS_FLOW, w] += sign * flow_per_thrust * valves[(_FLOW_0 + moment) * n + i, w]
+
+
+@njit
+def _tilt(b, w, i, faults, within, t, share, since, columns, sums):
+    """Add what the misalignments of thruster ``i`` turn a share of its impulse by, at ``t``."""
+    for k in range(faults.shape[2]):
+        if _tilts(faults[b, w, k], i, within):
+            tilt = firing.severity(faults[b, w, k], t)
+            along, across = math.cos(tilt) - 1.0, math.sin(tilt)
+            for c in range(6):
+                turned = share * (
+                    along * columns[6 * i + c, w] + across * faults[b, w, k, at.FAULT_TILTED + c]
+                )
+                sums[c, w] += turned
+                sums[_MOMENT + c, w] += turned * since
+
+
+@njit
+def _sorted_corners(b, w, i, faults, start, before, h, pulses, count, n, corners):
+    """Write the corners of thruster ``i`` into ``corners`` (rows, 1), s of the sub-step, and say how many."""
+    used = 0
+    for p in range(count):
+        for group in (_OPENS, _CLOSES):
+            corners[used, 0] = min(max(pulses[(_PULSE * p + group) * n + i, w] - before, 0.0), h)
+            used += 1
+    for k in range(faults.shape[2]):
+        if int(faults[b, w, k, code.FIELD_THRUSTER]) == i:
+            firing.fault_corners(faults[b, w, k], start, h, corners, used, 0)
+            used += 4
+    for k in range(1, used):
+        corner, place = corners[k, 0], k
+        while place > 0 and corners[place - 1, 0] > corner:
+            corners[place, 0] = corners[place - 1, 0]
+            place -= 1
+        corners[place, 0] = corner
+    return used
+
+
+@njit
+def _is_open(w, i, pulses, count, n, t):
+    """1.0 if a pulse opens thruster ``i`` at ``t``, s of the period, else 0.0."""
+    for p in range(count):
+        if pulses[(_PULSE * p + _OPENS) * n + i, w] <= t < pulses[(_PULSE * p + _CLOSES) * n + i, w]:
+            return 1.0
+    return 0.0
+
+
+@njit(forceinline=True)
+def _move(b, data, push, vehicle, h, sums, state):
+    """One sub-step of every craft of a block, under straight lines of the same impulse and first moment."""
+    lanes, n = state.shape[1], vehicle.constants[at.MEAN_MOTION]
+    for k in range(_MOMENT):
+        for w in range(lanes):
+            mean = sums[k, w] / h
+            sums[_MOMENT + k, w] = 6.0 * (sums[_MOMENT + k, w] / (h * h) - 0.5 * mean)
+            sums[k, w] = mean
+    for w in range(lanes):
+        f = (sums[0, w], sums[1, w], sums[2, w])
+        df = (sums[7, w], sums[8, w], sums[9, w])
+        t = (sums[3, w], sums[4, w], sums[5, w])
+        dt = (sums[10, w], sums[11, w], sums[12, w])
+        flow, change = sums[_MASS_FLOW, w], sums[_MOMENT + _MASS_FLOW, w]
+        substep(
+            state, w, h, n, vehicle.inertia, vehicle.inverse, vehicle.radius,
+            (f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2]),
+            (t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2]),
+            flow - change, flow, flow + change,
+            (data[b, push, w], data[b, push + 1, w], data[b, push + 2, w]),
+        )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _store(b, data, count, further, period, pulses, valves, n):
+    """What the period left behind: delivered on-times, levels, and the pulses that are still to come."""
+    lanes = valves.shape[1]
+    for i in range(n):
+        for w in range(lanes):
+            data[b, at.SCALARS + n + i, w] = valves[_DELIVERED * n + i, w]
+            data[b, at.SCALARS + 3 * n + i, w] = valves[_LEVEL * n + i, w]
+    for p in range(count - 1):
+        for k in range(2 * n):
+            for w in range(lanes):
+                data[b, further + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w] - period
+        for k in range(2 * n, 3 * n):
+            for w in range(lanes):
+                data[b, further + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w]
+    for w in range(lanes):
+        data[b, at.STEP, w] += 1.0
+
+
+def modulator_constants(spacecraft: Any, max_substep: float) -> NDArray[np.float64]:
+    """(MODULATED,): what the kernels read of a spacecraft's modulator."""
+    modulator, period = spacecraft.modulator, spacecraft.control_period
+    values = np.zeros(MODULATED)
+    values[DELAY], values[VARIATION] = modulator.delay, modulator.variation
+    values[FREQUENCY], values[JITTER] = 1.0 / modulator.variation_period, modulator.jitter
+    values[SUBSTEPS] = math.ceil(period / max_substep)
+    values[CARRIED] = carried_pulses(spacecraft)
+    return values
+
+
+def carried_pulses(spacecraft: Any) -> int:
+    """Pulses of earlier periods that may still be open when a period begins."""
+    modulator = spacecraft.modulator
+    longest = max(thruster.closing_delay for thruster in spacecraft.thrusters)
+    latest = modulator.delay + modulator.variation + modulator.jitter + longest
+    return math.ceil(latest / spacecraft.control_period)
