@@ -173,10 +173,8 @@ def _wanted(angle, rate, axis, gains):
 
 @njit(forceinline=True)
 def command_pulses(data, b, w, pulses, thrusters):
-    """Ask the thrusters of a craft for these pulses about the three axes and for nothing else."""
-    n = (data.shape[1] - at.SCALARS) // 11
-    for i in range(n):
-        data[b, at.SCALARS + i, w] = 0.0
+    """Ask the thrusters that turn a craft about the three axes for these pulses."""
     for axis in range(3):
-        if pulses[axis] != 0:
-            data[b, at.SCALARS + thrusters[axis, 0 if pulses[axis] > 0 else 1], w] = 1.0
+        forwards, backwards = at.SCALARS + thrusters[axis, 0], at.SCALARS + thrusters[axis, 1]
+        data[b, forwards, w] = 1.0 if pulses[axis] > 0 else 0.0
+        data[b, backwards, w] = 1.0 if pulses[axis] < 0 else 0.0

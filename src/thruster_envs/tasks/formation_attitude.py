@@ -59,7 +59,9 @@ _POINTING, _BALANCE, _PULSES, _COST = range(4)
 # Error now and when the target was set, rad; how many of the six requirements are met; s since the target was
 # set, and from when on, so counted, the attitude has been within its tolerance; s of discharges since the
 # reset.
-_ANGLE, _FIRST_ANGLE, _MET, _SINCE, _SETTLED, _OPEN_TIME, _ACCOUNT = range(4, 11)
+_ANGLE, _FIRST_ANGLE, _MET, _SINCE, _SETTLED, _OPEN_TIME = range(4, 10)
+# Error when a target was set that the account does not count from yet, rad; 0 where there is none.
+_NEW_ANGLE, _ACCOUNT = 10, 11
 # Entries of the limits; lowest angle and width of the range of roll, pitch and yaw.
 (
     _PERIOD, _FIRING_TIME, _INTERVAL, _RATE_SOFT_LIMIT, _RATE_LIMIT, _BALANCE_PRICE, _PULSE_PRICE, _ANGLES,
@@ -326,25 +328,36 @@ def _draw_target(streams, b, w, craft, number, limits, target):
 
 @njit
 def _aim(data, streams, world, number, limits, targets, account):
-    """Give every follower its target ``number`` and begin to count from it."""
+    """Give every follower its target ``number``; the account counts from it from the next period on.
+
+    So the outcome of a period is that of the target it was flown for, the last of an episode too.
+    """
     craft = targets.shape[1]
-    for c in range(craft):
+    for c in range(1, craft):
         b, w = place(world, c, craft, data.shape[2])
-        if c > 0:
-            _draw_target(streams, b, w, c, number, limits, targets[world, c])
-        account[world, c, _SINCE], account[world, c, _SETTLED] = 0.0, 0.0
-        _assess(data, world, c, targets, limits[_PERIOD], account[world, c])
-        account[world, c, _FIRST_ANGLE] = account[world, c, _ANGLE]
+        _draw_target(streams, b, w, c, number, limits, targets[world, c])
+        account[world, c, _NEW_ANGLE] = _angle(_true_error(data, world, c, targets))
+
+
+@njit(forceinline=True)
+def _true_error(data, world, c, targets):
+    q, _ = relative_motion(data, at.ATTITUDE, world, c, targets.shape[1])
+    target = targets[world, c]
+    return error_quaternion(q, (target[0], target[1], target[2], target[3]))
+
+
+@njit(forceinline=True)
+def _angle(e):
+    """Angle of the rotation of a quaternion, rad."""
+    return 2.0 * math.atan2(math.sqrt(e[1] * e[1] + e[2] * e[2] + e[3] * e[3]), e[0])
 
 
 @njit(forceinline=True)
 def _assess(data, world, c, targets, period, account):
     """How far a craft truly is from its target, and which requirements it meets; its rate."""
-    q, rate = relative_motion(data, at.ATTITUDE, world, c, targets.shape[1])
-    target = targets[world, c]
-    e = error_quaternion(q, (target[0], target[1], target[2], target[3]))
-    sine = math.sqrt(e[1] * e[1] + e[2] * e[2] + e[3] * e[3])
-    account[_ANGLE] = 2.0 * math.atan2(sine, e[0])
+    e = _true_error(data, world, c, targets)
+    _, rate = relative_motion(data, at.ATTITUDE, world, c, targets.shape[1])
+    account[_ANGLE] = _angle(e)
     met, inside = 0.0, True
     for k in range(3):
         close = abs(e[1 + k]) < ATTITUDE_TOLERANCE
@@ -364,6 +377,15 @@ def _start(data, streams, which, limits, targets, owed, account, over):
         owed[world] = 0.0
         account[world] = 0.0
         _aim(data, streams, world, 0, limits, targets, account)
+        for c in range(targets.shape[1]):
+            _count_anew(account[world, c])
+            _assess(data, world, c, targets, limits[_PERIOD], account[world, c])
+
+
+@njit(forceinline=True)
+def _count_anew(account):
+    account[_FIRST_ANGLE], account[_NEW_ANGLE] = account[_NEW_ANGLE], 0.0
+    account[_SINCE], account[_SETTLED] = 0.0, 0.0
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
@@ -420,6 +442,8 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
             mine = account[world, c]
+            if mine[_NEW_ANGLE] > 0.0:
+                _count_anew(mine)
             mine[_SINCE] += limits[_PERIOD]
             _assess(data, world, c, targets, limits[_PERIOD], mine)
             used = data[b, at.OPEN_TIME, w]

@@ -472,7 +472,8 @@ class FormationAttitudeEnv(TaskEnv):
     - `craft`: number of craft, 2 to 16, the leader among them.
     - `action`: `"pulses"` or `"duties"`, as above.
     - `roll_degrees`, `pitch_degrees`, `yaw_degrees`: ranges of the angles of targets.
-    - `retarget_interval`: control periods after which all followers get new targets; None for never.
+    - `retarget_interval`: control periods after which all followers get new targets; None for never. In the
+      period in which a target is set, all information is still about the one before.
     - `gravity_gradient`: whether it acts. `bias_torque`: a constant torque on every craft, N m, body axes.
       `fault_bias`: torque that comes with a fault of a discharge, N m: for one that takes thrust, and for one
       that adds some.
