@@ -123,7 +123,7 @@ def test_constants_come_through_a_slow_filter_as_large_as_they_would_without_it(
 
 
 def test_memory_of_free_poles_is_refused():
-    with pytest.raises(ValueError, match=r"free poles is \(5.0, 20.0\); None, or stable poles, would be right"):
+    with pytest.raises(ValueError, match=r"free poles is \(5.0, 20.0\); None, or stable poles, would"):
         DynamicLayer(1, 5, memory=(5.0, 20.0))
 
 
