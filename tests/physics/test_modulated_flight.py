@@ -198,7 +198,7 @@ def solved(duties, seed, start, push):
 
 
 def test_the_motion_is_that_of_an_independent_solver():
-    """Two seconds and a half of hard firing, at a rate of 0.1 rad/s, with an acceleration beside the thrust."""
+    """Hard firing for 2.5 s, at a rate of 0.1 rad/s, with an acceleration beside the thrust."""
     duties, push = random_duties(np.random.default_rng(9), 25, 8), np.array([3e-3, -2e-3, 1e-3])
     start = (0.4, -20.0, -0.3, 0.01, 0.1, -0.02, *UPRIGHT, 0.06, -0.05, 0.07)
     exact = solved(duties, 21, start, push)

@@ -24,7 +24,7 @@ rendezvous phase of the Mars Sample Return mission", sections 2 and 4.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -36,6 +36,7 @@ from thruster_envs.physics import layout as at
 from thruster_envs.physics.flight import draw_words, finish, substep
 from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
 from thruster_envs.random import VALVES, cos_sin_turns, philox, uniform_pair
+from thruster_envs.spacecraft import Modulator, Spacecraft
 
 # Entries of the constants of a modulator: s, s, 1/s, s; integration sub-steps of a period; pulses of earlier
 # periods that may still be open.
@@ -602,9 +603,9 @@ def _store(b, data, count, further, period, pulses, valves, n):
         data[b, at.STEP, w] += 1.0
 
 
-def modulator_constants(spacecraft: Any, max_substep: float) -> NDArray[np.float64]:
+def modulator_constants(spacecraft: Spacecraft, max_substep: float) -> NDArray[np.float64]:
     """(MODULATED,): what the kernels read of a spacecraft's modulator."""
-    modulator, period = spacecraft.modulator, spacecraft.control_period
+    modulator, period = _modulator(spacecraft), spacecraft.control_period
     values = np.zeros(MODULATED)
     values[DELAY], values[VARIATION] = modulator.delay, modulator.variation
     values[FREQUENCY], values[JITTER] = 1.0 / modulator.variation_period, modulator.jitter
@@ -613,9 +614,15 @@ def modulator_constants(spacecraft: Any, max_substep: float) -> NDArray[np.float
     return values
 
 
-def carried_pulses(spacecraft: Any) -> int:
+def carried_pulses(spacecraft: Spacecraft) -> int:
     """Pulses of earlier periods that may still be open when a period begins."""
-    modulator = spacecraft.modulator
+    modulator = _modulator(spacecraft)
     longest = max(thruster.closing_delay for thruster in spacecraft.thrusters)
     latest = modulator.delay + modulator.variation + modulator.jitter + longest
     return math.ceil(latest / spacecraft.control_period)
+
+
+def _modulator(spacecraft: Spacecraft) -> Modulator:
+    if spacecraft.modulator is None:
+        raise ValueError(f"{spacecraft.name!r} has no modulator; a spacecraft with one would be right")
+    return spacecraft.modulator
