@@ -1,5 +1,8 @@
 """Facts of dynamic neurons: their filter, their poles, their gradients, their own output fed back."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -50,6 +53,11 @@ def _gradients(network):
 
 def _error(network, inputs, targets):
     return (network(inputs) - targets).square().mean()
+
+
+def test_the_package_of_agents_loads_no_torch():
+    code = "import sys, thruster_agents; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 @pytest.mark.parametrize("order", [1, 2, 5])

@@ -75,12 +75,6 @@ def high():
     return classifier
 
 
-def _firings(mission):
-    """(firings,), thrusters in the order in which they fire."""
-    step, axis = np.nonzero(mission.pulses[0])
-    return 2 * axis + (mission.pulses[0, step, axis] < 0)
-
-
 class _Circuit:
     """Waveforms of firings, those of one thruster faulty from one pulse on; counts what it was asked for."""
 
@@ -210,6 +204,10 @@ def test_what_networks_see_of_a_flown_mission():
     def seen(attitude, axis=1):
         return HighLevelClassifier(HighLevelSettings(attitude=attitude))._inputs(signals, axis)
 
+    thrusters, periods = signals.firings()
+    assert (missions.thrust[0, periods, 1, thrusters] > 0.0).all()
+    assert len(periods) == np.count_nonzero(missions.thrust[0, :, 1])
+    assert (np.diff(periods) >= 0).all()
     np.testing.assert_array_equal(seen("none"), missions.pulses[:, :, 1, 1:2])
     np.testing.assert_array_equal(seen("quaternion")[..., 1:], missions.attitude[:, :-1, 1, 1:])
     np.testing.assert_allclose(seen("error")[..., 1:], missions.errors()[:, :-1, 1, :3], atol=1e-14)
@@ -250,7 +248,7 @@ def test_the_thruster_that_lost_thrust_is_reported_with_its_first_faulty_pulse(i
     strength = np.ones(6)
     strength[3] = 0.85
     mission = _turns(1, 20, strength)
-    thrusters = _firings(mission)
+    thrusters = mission.firings()[0]
     counts = np.bincount(thrusters, minlength=6)
     expected = counts / np.array([1.0, 1.0, 1.0, 1.2, 1.0, 1.0])  # thruster 4 fired more than it should
     circuit = _Circuit(thrusters, weak=3, onset=12)
@@ -292,8 +290,8 @@ def test_faulty_pulses_of_the_thruster_that_fired_less_mean_a_gain(integrated):
 
 def test_a_healthy_mission_asks_for_no_waveforms(integrated):
     mission = _turns(1, 20)
-    circuit = _Circuit(_firings(mission))
-    report = integrated.diagnose(mission, _firings(mission), circuit)
+    circuit = _Circuit(mission.firings()[0])
+    report = integrated.diagnose(mission, mission.firings()[0], circuit)
     assert str(report) == "all healthy"
     assert circuit.asked == 0
     assert not report.faulty.any()

@@ -35,7 +35,7 @@ from thruster_agents.dynamic_neurons.thresholds import threshold_of
 from thruster_agents.dynamic_neurons.training import TrainingRecord, TrainingSettings, train
 from thruster_baselines.control.quaternions import product
 from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
-from thruster_envs.protocols import BoolArray, FloatArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from thruster_envs.missions import Missions
@@ -98,6 +98,11 @@ class MissionSignals:
             rate=getattr(missions, f"{prefix}rate")[:, :, craft],
             target=missions.targets[:, craft],
         )
+
+    def firings(self, mission: int = 0) -> tuple[IntArray, IntArray]:
+        """What fired in a mission: thrusters (firings,), from 0, and their periods (firings,), in order."""
+        steps, axes = np.nonzero(self.pulses[mission])
+        return 2 * axes + (self.pulses[mission, steps, axes] < 0.0), steps
 
     def __len__(self) -> int:
         return len(self.pulses)
