@@ -10,6 +10,7 @@ _MODULE = "thruster_envs.views.environments"
 ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
     "thruster_envs/ThrusterMapping-v0": ("ThrusterMapping", 32),
     "thruster_envs/OrionRendezvous-v0": ("OrionRendezvous", None),
+    "thruster_envs/MarsRendezvous-v0": ("MarsRendezvous", None),
     "thruster_envs/FormationKeeping-v0": ("FormationKeeping", 120),
     "thruster_envs/FormationAttitude-v0": ("FormationAttitude", 3000),
     "thruster_envs/FaultDiagnosis-v0": ("FaultDiagnosis", 120),

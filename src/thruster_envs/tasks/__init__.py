@@ -5,6 +5,7 @@ from thruster_envs.tasks.contract import Feature, Outcome, Task, TaskState, Trut
 from thruster_envs.tasks.fault_diagnosis import FaultDiagnosis
 from thruster_envs.tasks.formation_attitude import FormationAttitude
 from thruster_envs.tasks.formation_keeping import FormationKeeping
+from thruster_envs.tasks.mars_rendezvous import MarsRendezvous
 from thruster_envs.tasks.orion_rendezvous import OrionRendezvous
 from thruster_envs.tasks.pulse_diagnosis import PulseDiagnosis
 from thruster_envs.tasks.thruster_mapping import ThrusterMapping
@@ -15,6 +16,7 @@ __all__ = [
     "Feature",
     "FormationAttitude",
     "FormationKeeping",
+    "MarsRendezvous",
     "OrionRendezvous",
     "Outcome",
     "PulseDiagnosis",

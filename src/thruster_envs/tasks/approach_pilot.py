@@ -1,0 +1,172 @@
+"""The scripted pilot of an approach along the V-bar: guidance, two feedback laws, a map without a solver.
+
+Models a reference that moves along-track towards the target, at a constant speed and then braked to the speed
+of contact with a limited deceleration; a proportional-derivative law with feed-forward of the reference and
+of Hill's acceleration for the translation, one for the attitude; and an allocation by the pseudo-inverse to
+which the same open rate is added for all thrusters, at least an idle one, so that none is ever shut: what
+all of them do together must be nothing. Knows nothing of faults. Leaves out the delay of the modulator, which
+is short against the loops.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
+from thruster_envs.physics.relative_orbit import hill_acceleration
+from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.tasks.access import attitude_error, rate_error
+
+FloatArray = NDArray[np.float64]
+
+#: Attitude of an approach, body-from-LVLH: x to the target along-track, y against the orbit's normal, z to
+#: the planet.
+FACING = (0.5, 0.5, 0.5, -0.5)
+
+# Entries of the law.
+(
+    _DISTANCE, _SPEED, _CONTACT, _BRAKING, _TRANSLATION, _ROTATION, _DAMPING, _IDLE, _MASS, _MEAN_MOTION,
+) = range(10)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ApproachPilot:
+    """The law and the map for one vehicle.
+
+    Attributes:
+        inverse: (n, 6), open rates per N and per N m: minimum norm.
+        inertia: (3, 3), kg m^2.
+        law: (10,): distance at the start, m; speed and speed of contact, m/s; deceleration, m/s^2; natural
+            frequencies of translation and rotation, rad/s, and their damping; idle open rate; mass, kg; mean
+            motion, rad/s.
+    """
+
+    inverse: FloatArray
+    inertia: FloatArray
+    law: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: Spacecraft,
+        distance: float,
+        *,
+        speed: float = 0.1,
+        contact_speed: float = 0.05,
+        braking: float = 2e-3,
+        translation: float = 0.2,
+        rotation: float = 0.5,
+        damping: float = 0.9,
+        idle: float = 0.1,
+    ) -> ApproachPilot:
+        """The pilot of a vehicle that starts ``distance`` m behind the target at ``speed``.
+
+        Raises:
+            ValueError: A vehicle whose thrusters together do something.
+        """
+        wrenches = vehicle.wrenches()
+        together = np.abs(wrenches.sum(axis=1)) / np.abs(wrenches).sum(axis=1)
+        if together.max() > 1e-9:
+            raise ValueError(
+                f"all thrusters of {vehicle.name!r} together give {wrenches.sum(axis=1)} (N and N m); "
+                "thrusters whose sum is zero would be right for this pilot"
+            )
+        law = (
+            distance, speed, contact_speed, braking, translation, rotation, damping, idle, vehicle.mass,
+            vehicle.mean_motion,
+        )  # fmt: skip
+        inverse = np.asarray(np.linalg.pinv(wrenches), np.float64)
+        return cls(inverse, np.array(vehicle.inertia), np.array(law))
+
+    def __call__(
+        self, time: ArrayLike, position: ArrayLike, velocity: ArrayLike, attitude: ArrayLike, rate: ArrayLike
+    ) -> FloatArray:
+        """Open rates (worlds, n), 0..1, from what navigation says at ``time`` s from the start.
+
+        Args:
+            time: (worlds,), s, of the measurements.
+            position: (worlds, 3), m, LVLH.
+            velocity: (worlds, 3), m/s, LVLH.
+            attitude: (worlds, 4), body-from-LVLH.
+            rate: (worlds, 3), rad/s, body axes.
+        """
+        sights = [np.atleast_2d(np.asarray(one, np.float64)) for one in (position, velocity, attitude, rate)]
+        duties = np.empty((sights[0].shape[0], 1, self.inverse.shape[0]))
+        times = np.broadcast_to(np.asarray(time, np.float64), sights[0].shape[:1])
+        _steer(times, np.concatenate(sights, axis=1), self.inverse, self.inertia, self.law, duties)
+        return duties[:, 0]
+
+    def reference(self, time: float) -> tuple[float, float, float]:
+        """Along-track position, velocity and acceleration of the reference, m, m/s, m/s^2.
+
+        >>> from thruster_envs.spacecraft import load
+        >>> pilot = ApproachPilot.of(load("msr_chaser"), 20.0)
+        >>> tuple(round(x, 6) + 0.0 for x in pilot.reference(206.25))
+        (0.0, 0.05, 0.0)
+        """
+        y, v, a = approach_reference(float(time), self.law)
+        return float(y), float(v), float(a)
+
+
+@njit
+def approach_reference(t, law):
+    """Along-track position, velocity and acceleration of the reference ``t`` seconds after the start."""
+    speed, contact, braking = law[_SPEED], law[_CONTACT], law[_BRAKING]
+    braking_time = (speed - contact) / braking
+    braking_distance = 0.5 * (speed + contact) * braking_time
+    begins = (law[_DISTANCE] - braking_distance) / speed
+    if t < begins:
+        return -law[_DISTANCE] + speed * t, speed, 0.0
+    since = t - begins
+    if since < braking_time:
+        return (
+            -braking_distance + speed * since - 0.5 * braking * since * since,
+            speed - braking * since,
+            -braking,
+        )
+    return contact * (since - braking_time), contact, 0.0
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _steer(times, sights, inverse, inertia, law, duties):
+    """Write duties (worlds, 1, n) from sights (worlds, 13)."""
+    for world in range(duties.shape[0]):
+        steer_one(times[world], sights[world], inverse, inertia, law, duties[world, 0])
+
+
+@njit
+def steer_one(time, sight, inverse, inertia, law, duties):
+    """Open rates of one craft from its position, velocity, attitude and rate (13,)."""
+    n, a, z, mean_motion = duties.shape[0], law[_TRANSLATION], law[_ROTATION], law[_MEAN_MOTION]
+    y, speed, braking = approach_reference(time, law)
+    r = (sight[0], sight[1], sight[2])
+    v = (sight[3], sight[4], sight[5])
+    q = (sight[6], sight[7], sight[8], sight[9])
+    free = hill_acceleration(r, v, mean_motion)
+    damp = 2.0 * law[_DAMPING]
+    wanted = (
+        law[_MASS] * (-a * a * r[0] - damp * a * v[0] - free[0]),
+        law[_MASS] * (-a * a * (r[1] - y) - damp * a * (v[1] - speed) + braking - free[1]),
+        law[_MASS] * (-a * a * r[2] - damp * a * v[2] - free[2]),
+    )
+    force = rotate(q, wanted)
+    angle = attitude_error(quaternion_product(q, conjugate(FACING)))
+    spin = rate_error(q, (sight[10], sight[11], sight[12]), mean_motion)
+    turn = np.empty(3)
+    for k in range(3):
+        turn[k] = -z * z * angle[k] - damp * z * spin[k]
+    lowest = math.inf
+    for i in range(n):
+        duties[i] = inverse[i, 0] * force[0] + inverse[i, 1] * force[1] + inverse[i, 2] * force[2]
+        for k in range(3):
+            torque = inertia[k, 0] * turn[0] + inertia[k, 1] * turn[1] + inertia[k, 2] * turn[2]
+            duties[i] += inverse[i, 3 + k] * torque
+        lowest = min(lowest, duties[i])
+    shift = max(law[_IDLE], -lowest)
+    for i in range(n):
+        duties[i] = min(duties[i] + shift, 1.0)

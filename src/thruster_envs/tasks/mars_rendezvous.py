@@ -1,0 +1,570 @@
+"""Capture as a task: the last twenty metres of a rendezvous about Mars, in six degrees of freedom.
+
+Models the final translation of Fonod et al. 2013 along the V-bar: the chaser comes from behind at 0.1 m/s
+inside a corridor, sees the target through a noisy LIDAR and its attitude through noisy estimates, all one
+sample old, and has to cross the capture plane near its centre, slowly and well pointed. Its pulses come late
+by an unknown time, a differential gravity, drag and sunlight push it, and its true mass, inertia, centre of
+mass and thrusts are not quite those of the description. It may close isolation valves and go over to a spare
+set of thrusters. Every number of the vehicle is MSR-A, ours: the source withholds them.
+
+The spare branch is the same set of thrusters again. So to go over to it is to leave behind what is wrong with
+the first: in the arrays every fault ends, and the pulses under way are lost, while the thrust of the branch
+left dies away by its lag. Leaves out faults of the spare branch and a way back, contact, plume impingement,
+the target's own motion, and any sight of the target outside of the corridor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from thruster_envs.faults import encoding as code
+from thruster_envs.physics import layout as at
+from thruster_envs.physics.attitude import (
+    conjugate,
+    exponential,
+    quaternion_product,
+    rotate,
+    rotate_back,
+)
+from thruster_envs.physics.disturbances import Disturbances, disturb
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.relative_orbit import hill_acceleration
+from thruster_envs.random import RESET, philox, uniform_pair
+from thruster_envs.tasks.access import attitude_error, bounded, place, rate_error, write_oracle_view
+from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot, steer_one
+from thruster_envs.tasks.contract import (
+    Feature,
+    FloatArray,
+    Observations,
+    Outcome,
+    Task,
+    TaskState,
+    Truth,
+    check_whole,
+)
+
+_BOUND = 5.0
+#: What observations are divided by: m, m/s, rad, rad/s.
+_NEAR, _VELOCITY, _ANGLE, _RATE = 1.0, 0.1, 0.1, 0.02
+#: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
+_DISPERSION = (0.1, 0.002, math.radians(1.0), math.radians(0.02))
+#: Gains of the filter of position and velocity.
+_ALPHA, _BETA = 0.3, 0.05
+#: What the worst an episode can do costs in shares of a capture: out of the corridor, badly pointed, thirsty.
+_CORRIDOR_PRICE, _ATTITUDE_PRICE, _FUEL_PRICE = 1.0, 0.5, 0.25
+#: Lateral offset, m, and angle, rad, from which on these two cost no more.
+_OFFSET_SCALE, _ANGLE_SCALE = 1.0, math.radians(10.0)
+#: How far behind its start a chaser has retreated; how far from the target it is lost out of the corridor; m.
+_RETREAT, _KEEP_OUT = 10.0, 2.0
+#: The corridor: half-width at the capture plane, m, and tangent of the angle by which it widens.
+_MOUTH, _WIDENING = 0.25, math.tan(math.radians(10.0))
+#: Nominal times that an episode may last.
+_PATIENCE = 1.5
+
+# Columns of a sight: measured position, velocity, attitude, rate, measured and expected rate change.
+_SEEN, _EXPECTED, _SIGHT = 0, 19, 25
+# Columns of the account of an episode; first what the last step was worth.
+(
+    _CORRIDOR, _ATTITUDE, _FUEL, _PROGRESS, _CAPTURE, _COST, _POTENTIAL, _OPEN_TIME, _END, _SCORE, _ACCOUNT,
+) = range(11)  # fmt: skip
+#: How an episode ended.
+_RUNNING, _CAPTURED, _RETREATED, _TIMED_OUT, _MISSED, _LOST = range(6)
+# Entries of the limits.
+(
+    _PERIOD, _MEAN_MOTION, _STEPS, _DISTANCE, _OFFSET_LIMIT, _CLOSING_LIMIT, _LATERAL_LIMIT, _ANGLE_LIMIT,
+    _SPIN_LIMIT, _RATE_LIMIT, _REFERENCE, _NOMINAL, _SPEED, _DELAY,
+) = range(14)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ApproachModel:
+    """The configuration in numbers.
+
+    Attributes:
+        authority: (6,), m/s and rad/s per period.
+        limits: (14,).
+        pilot: The scripted one.
+        disturbances: (5,), as :class:`~thruster_envs.physics.disturbances.Disturbances` gives them.
+        dispersion: (4,), half-widths of the truth: mass, inertia and thrust as shares, centre of mass in m.
+        arms: (n, 3), where each thruster stands, m.
+    """
+
+    authority: FloatArray
+    limits: FloatArray
+    pilot: ApproachPilot
+    disturbances: FloatArray
+    dispersion: FloatArray
+    arms: FloatArray
+
+
+@dataclass
+class ApproachState(TaskState):
+    """Arrays of a batch: sights on their way, the filter, the sky, the branch, the accounts."""
+
+    model: ApproachModel
+    sights: FloatArray  # (worlds, navigation_delay + 1, 25), oldest first
+    estimate: FloatArray  # (worlds, 6), m and m/s, LVLH, at the time of the oldest sight
+    sky: FloatArray  # (worlds, 2), argument of latitude at the start, direction of sunlight, turns
+    branch: NDArray[np.int64]  # (worlds,), 0 the first set of thrusters, 1 the spare one
+    account: FloatArray  # (worlds, 11)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarsRendezvous(Task):
+    """Configuration of ``MarsRendezvous-v0``.
+
+    Attributes:
+        distance: Behind the target at the start, m.
+        inhibit: Add isolation valves and the spare branch to the action.
+        navigation_delay: Age of what is observed, in control periods.
+        disturbances: Whether differential gravity, drag and sunlight act.
+        mass_error: Half-width of the true mass about that of the description, as a share.
+        inertia_error: Likewise of the moments of inertia, all by the same share.
+        thrust_error: Likewise of the thrust of each thruster.
+        centre_of_mass_error: Half-width of the true centre of mass on each axis, m.
+        offset_tolerance: What counts as captured: distance from the centre of the capture plane, m.
+        closing_tolerance: Speed towards the target, m/s.
+        lateral_tolerance: Speed across it, m/s.
+        attitude_tolerance: Angle from the attitude of the approach, rad.
+        rate_tolerance: Body rate against LVLH, rad/s.
+        rate_limit: Body rate at which the chaser is lost, rad/s.
+    """
+
+    spacecraft: Any = "msr_chaser"
+    nonlinear: bool = True
+    distance: float = 20.0
+    inhibit: bool = False
+    navigation_delay: int = 1
+    disturbances: bool = True
+    mass_error: float = 0.01
+    inertia_error: float = 0.02
+    thrust_error: float = 0.01
+    centre_of_mass_error: float = 0.01
+    offset_tolerance: float = 0.1
+    closing_tolerance: float = 0.15
+    lateral_tolerance: float = 0.02
+    attitude_tolerance: float = math.radians(3.0)
+    rate_tolerance: float = math.radians(0.5)
+    rate_limit: float = 0.2
+
+    reward_terms: ClassVar[tuple[str, ...]] = ("corridor", "attitude", "fuel", "progress", "capture")
+    max_episode_steps: ClassVar[int | None] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_whole("navigation_delay", self.navigation_delay, 0, 10)
+        for name in ("offset_tolerance", "closing_tolerance", "lateral_tolerance", "attitude_tolerance",
+                     "rate_tolerance", "rate_limit"):  # fmt: skip
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        for name in ("mass_error", "inertia_error", "thrust_error"):
+            if not 0.0 <= getattr(self, name) <= 0.5:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; a share from 0 to 0.5 would be right")
+        if not 0.0 <= self.centre_of_mass_error < math.inf:
+            raise ValueError(
+                f"centre_of_mass_error is {self.centre_of_mass_error!r}; 0 m or more would be right"
+            )
+        if not 2.0 <= self.distance <= 1000.0:
+            raise ValueError(f"distance is {self.distance!r}; 2 to 1000 m would be right")
+        if self.vehicle.modulator is None:
+            raise ValueError(
+                f"{self.vehicle.name!r} has no modulator; a spacecraft with one, such as 'msr_chaser', "
+                "would be right"
+            )
+        if self.inhibit and not (self.vehicle.isolation_valves and self.vehicle.spare_branch):
+            raise ValueError(
+                f"inhibit is True while {self.vehicle.name!r} lacks isolation valves or a spare branch; "
+                "inhibit=False would be right"
+            )
+
+    @cached_property
+    def steps(self) -> int:
+        """Control periods of an episode that runs to its end: one and a half times the nominal time."""
+        return math.ceil(_PATIENCE * self.distance / self._speed / self.vehicle.control_period)
+
+    @cached_property
+    def _speed(self) -> float:
+        return self._pilot.reference(0.0)[1]
+
+    @cached_property
+    def _pilot(self) -> ApproachPilot:
+        return ApproachPilot.of(self.vehicle, self.distance)
+
+    @cached_property
+    def action_size(self) -> int:
+        """Open rate of each thruster; with ``inhibit`` one number more for each, and one for the branch."""
+        n = self.vehicle.number_of_thrusters
+        return 2 * n + 1 if self.inhibit else n
+
+    @cached_property
+    def features(self) -> tuple[Feature, ...]:
+        """See the environment's docstring."""
+        n = self.vehicle.number_of_thrusters
+        valves = (
+            Feature("whether each isolation valve is closed", n, 1.0, "1", 0.0),
+            Feature("whether the spare branch is in use", 1, 1.0, "1", 0.0),
+        )
+        return (
+            Feature("measured relative position, whole approach", 3, _BOUND, "distance at the start"),
+            Feature("measured relative position, close by", 3, _BOUND, f"{_NEAR:g} m"),
+            Feature("filtered relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
+            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
+            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
+            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
+            Feature("last open rates", n, 1.0, "1", 0.0),
+            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
+            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            *(valves if self.inhibit else ()),
+            *self.oracle_features(),
+        )
+
+    def create(self, worlds: int, threads: int | None) -> ApproachState:
+        """Arrays for that many worlds."""
+        fleet = Fleet(
+            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
+            max_substep=self.max_substep, threads=threads,
+        )  # fmt: skip
+        return ApproachState(
+            fleet, self._model(), np.zeros((worlds, self.navigation_delay + 1, _SIGHT)),
+            np.zeros((worlds, 6)), np.zeros((worlds, 2)), np.zeros(worlds, np.int64),
+            np.zeros((worlds, _ACCOUNT)),
+        )  # fmt: skip
+
+    def _model(self) -> ApproachModel:
+        vehicle = self.vehicle
+        nominal = self.distance / self._speed
+        idle = 0.1 * vehicle.number_of_thrusters * nominal
+        limits = (
+            vehicle.control_period, vehicle.mean_motion, float(self.steps), self.distance,
+            self.offset_tolerance, self.closing_tolerance, self.lateral_tolerance, self.attitude_tolerance,
+            self.rate_tolerance, self.rate_limit, idle, nominal, self._speed, float(self.navigation_delay),
+        )  # fmt: skip
+        dispersion = self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
+        numbers = Disturbances().numbers(vehicle)
+        return ApproachModel(
+            np.maximum(vehicle.authority(), np.finfo(np.float64).tiny), np.array(limits), self._pilot,
+            numbers if self.disturbances else np.zeros_like(numbers), np.array(dispersion),
+            np.array([thruster.position for thruster in vehicle.thrusters]),
+        )  # fmt: skip
+
+    def reset(self, state: ApproachState, which: NDArray[np.int64]) -> None:
+        """Start behind the target, closing at the speed of the approach, nearly aligned."""
+        fleet, model = state.fleet, state.model
+        _start(
+            fleet.data, fleet.streams, which, model.limits, model.dispersion, model.arms, state.sky,
+            state.branch, state.account,
+        )  # fmt: skip
+        fleet.look(which)
+        _first_sight(fleet.data, which, model.limits, state.sights, state.estimate)
+
+    def step(self, state: ApproachState, actions: FloatArray) -> None:
+        """Hear the command, and fly one period."""
+        fleet, model = state.fleet, state.model
+        fleet.by_worlds(
+            lambda first, last: _command(
+                fleet.data, fleet.faults, actions, fleet.layout.pending, fleet.layout.inhibited, state.branch,
+                model.limits, model.disturbances, state.sky, fleet.layout.push, first, last,
+            )
+        )  # fmt: skip
+        fleet.fly()
+        fleet.by_worlds(
+            lambda first, last: _judge(
+                fleet.data, model.limits, state.sights, state.estimate, state.account, first, last
+            )
+        )
+
+    def observe(self, state: ApproachState) -> Observations:
+        """(worlds, 1, observation_size)."""
+        observations = np.empty((state.fleet.worlds, 1, self.observation_size), np.float32)
+        rows, fleet, model = observations[:, 0], state.fleet, state.model
+        fleet.by_worlds(
+            lambda first, last: _observe(
+                fleet.data, fleet.faults, model.limits, model.authority, state.sights, state.estimate,
+                state.branch, fleet.layout.inhibited, fleet.layout.thrusters, self.inhibit,
+                self.observe_fault, rows, first, last,
+            )
+        )  # fmt: skip
+        return observations
+
+    def outcome(self, state: ApproachState) -> Outcome:
+        """Terminates at capture, when it is missed, on a retreat, when lost, and when the time is up."""
+        account = state.account
+        terms, cost = account[:, np.newaxis, _CORRIDOR : _CAPTURE + 1], account[:, _COST : _COST + 1]
+        return Outcome(terms.copy(), cost.copy(), account[:, _END] > _RUNNING)
+
+    def truth(self, state: ApproachState) -> Truth:
+        """A capture is worth 0.5 and up to 0.5 for economy, a retreat 0.25."""
+        account = state.account.copy()
+        return Truth(
+            account[:, _OPEN_TIME : _OPEN_TIME + 1],
+            account[:, _SCORE : _SCORE + 1],
+            account[:, _END : _END + 1] == _CAPTURED,
+        )
+
+    def report(self, state: ApproachState) -> dict[str, dict[str, NDArray[Any]]]:
+        """How the approach ended, whether without danger to the target, and on which branch it flies."""
+        end = state.account[:, _END : _END + 1]
+        return {
+            "approach": {
+                "retreated": end == _RETREATED,
+                "safe": end < _MISSED,
+                "branch": state.branch[:, np.newaxis].copy(),
+            }
+        }
+
+    def pilot_actions(self, state: ApproachState) -> FloatArray:
+        """Actions (worlds, 1, action_size), -1..1, of the scripted pilot, which leaves all valves open."""
+        fleet, model = state.fleet, state.model
+        actions = np.full((fleet.worlds, 1, self.action_size), -1.0)
+        fleet.by_worlds(
+            lambda first, last: _pilot(
+                fleet.data, model.limits, state.sights, state.estimate, model.pilot.inverse,
+                model.pilot.inertia, model.pilot.law, actions, first, last,
+            )
+        )  # fmt: skip
+        return actions
+
+
+@njit
+def _length(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit(error_model="numpy", cache=True)
+def _start(data, streams, which, limits, dispersion, arms, sky, branch, account):
+    """Disperse the chaser about its start and its truth about the description, and open the account."""
+    lanes, n = data.shape[2], arms.shape[0]
+    blocks = (20 + n + 7) // 8
+    uniform = np.empty(8 * blocks)
+    for world in which:
+        b, w = place(world, 0, 1, lanes)
+        for block in range(blocks):
+            words = philox(
+                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
+                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+            )  # fmt: skip
+            for k in range(4):
+                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        sky[world, 0], sky[world, 1] = uniform[0], uniform[1]
+        for k in range(3):
+            data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[2 + k] - 1.0)
+            data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[5 + k] - 1.0)
+        data[b, at.POSITION + 1, w] -= limits[_DISTANCE]
+        data[b, at.VELOCITY + 1, w] += limits[_SPEED]
+        half = 0.5 * _DISPERSION[2]
+        tilt = exponential(
+            half * (2.0 * uniform[8] - 1.0), half * (2.0 * uniform[9] - 1.0), half * (2.0 * uniform[10] - 1.0)
+        )
+        q = quaternion_product(tilt, FACING)
+        frame = rotate(q, (0.0, 0.0, limits[_MEAN_MOTION]))
+        for k in range(4):
+            data[b, at.ATTITUDE + k, w] = q[k]
+        for k in range(3):
+            data[b, at.RATE + k, w] = frame[k] + _DISPERSION[3] * (2.0 * uniform[11 + k] - 1.0)
+        data[b, at.MASS, w] *= 1.0 + dispersion[0] * (2.0 * uniform[14] - 1.0)
+        inertia = 1.0 + dispersion[1] * (2.0 * uniform[15] - 1.0)
+        for i in range(n):
+            row = at.SCALARS + 5 * n + 6 * i
+            gain = 1.0 + dispersion[2] * (2.0 * uniform[20 + i] - 1.0)
+            f = np.empty(3)
+            arm = np.empty(3)
+            for k in range(3):
+                f[k] = data[b, row + k, w]
+                arm[k] = arms[i, k] - dispersion[3] * (2.0 * uniform[16 + k] - 1.0)
+            for k in range(3):
+                j, m = (k + 1) % 3, (k + 2) % 3
+                data[b, row + k, w] = gain * f[k]
+                data[b, row + 3 + k, w] = gain / inertia * (arm[j] * f[m] - arm[m] * f[j])
+        branch[world] = 0
+        for k in range(_ACCOUNT):
+            account[world, k] = 0.0
+        account[world, _POTENTIAL] = _potential(data, b, w, limits)
+
+
+@njit
+def _potential(data, b, w, limits):
+    """Minus the distance to the target, in shares of that at the start."""
+    r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
+    return -_length(r) / limits[_DISTANCE]
+
+
+@njit(error_model="numpy", cache=True)
+def _first_sight(data, which, limits, sights, estimate):
+    """Fill the way of the sights with the first one, and begin the filter at the speed of the approach."""
+    lanes = data.shape[2]
+    for world in which:
+        b, w = place(world, 0, 1, lanes)
+        for age in range(sights.shape[1]):
+            for k in range(_SIGHT):
+                sights[world, age, k] = data[b, at.MEASURED + k, w]
+        for k in range(3):
+            estimate[world, k] = data[b, at.MEASURED + k, w]
+            estimate[world, 3 + k] = limits[_SPEED] if k == 1 else 0.0
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _command(
+    data, faults, actions, pending, inhibited, branch, limits, disturbances, sky, push, first, last
+):  # fmt: skip
+    """Write open rates, isolation valves and disturbances, and go over to the spare branch where asked."""
+    lanes, n = data.shape[2], push - inhibited
+    turns = limits[_MEAN_MOTION] / (2.0 * math.pi)
+    for world in range(first, last):
+        b, w = place(world, 0, 1, lanes)
+        action = actions[world, 0]
+        for i in range(n):
+            data[b, at.SCALARS + i, w] = action[i]
+        time = data[b, at.STEP, w] * limits[_PERIOD]
+        if action.shape[0] > n:
+            for i in range(n):
+                data[b, inhibited + i, w] = 1.0 if action[n + i] > 0.5 else 0.0
+            if action[2 * n] > 0.5 and branch[world] == 0:
+                branch[world] = 1
+                for row in range(pending, inhibited):
+                    data[b, row, w] = 0.0
+                for slot in range(faults.shape[2]):
+                    faults[b, w, slot, code.FIELD_END] = min(faults[b, w, slot, code.FIELD_END], time)
+        r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
+        latitude = sky[world, 0] + turns * time
+        pushed = disturb(r, latitude - math.floor(latitude), sky[world, 1], disturbances)
+        for k in range(3):
+            data[b, push + k, w] = pushed[k]
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _judge(data, limits, sights, estimate, account, first, last):
+    """Let the sights grow older, filter, and account for the period that has passed."""
+    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    for world in range(first, last):
+        b, w = place(world, 0, 1, lanes)
+        ages = sights.shape[1]
+        for age in range(ages - 1):
+            for k in range(_SIGHT):
+                sights[world, age, k] = sights[world, age + 1, k]
+        for k in range(_SIGHT):
+            sights[world, ages - 1, k] = data[b, at.MEASURED + k, w]
+        if data[b, at.STEP, w] > limits[_DELAY]:
+            _filter(sights[world, 0], limits, estimate[world])
+        r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
+        v = (data[b, 3, w], data[b, 4, w], data[b, 5, w])
+        q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
+        rate = (data[b, 10, w], data[b, 11, w], data[b, 12, w])
+        angle = _length(attitude_error(quaternion_product(q, conjugate(FACING))))
+        spin = _length(rate_error(q, rate, n))
+        offset = math.sqrt(r[0] * r[0] + r[2] * r[2])
+        across = math.sqrt(v[0] * v[0] + v[2] * v[2])
+        distance = _length(r)
+        free = _MOUTH + _WIDENING * max(0.0, -r[1])
+        captured = (
+            r[1] >= 0.0
+            and offset <= limits[_OFFSET_LIMIT]
+            and 0.0 < v[1] <= limits[_CLOSING_LIMIT]
+            and across <= limits[_LATERAL_LIMIT]
+            and angle <= limits[_ANGLE_LIMIT]
+            and spin <= limits[_SPIN_LIMIT]
+        )
+        end = _RUNNING
+        if spin > limits[_RATE_LIMIT] or (distance < _KEEP_OUT and offset > free):
+            end = _LOST
+        elif r[1] >= 0.0:
+            end = _CAPTURED if captured else _MISSED
+        elif distance >= limits[_DISTANCE] + _RETREAT:
+            end = _RETREATED
+        elif data[b, at.STEP, w] >= limits[_STEPS]:
+            end = _TIMED_OUT
+        share = limits[_PERIOD] / limits[_NOMINAL]
+        potential = -distance / limits[_DISTANCE]
+        fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
+        account[world, _CORRIDOR] = -_CORRIDOR_PRICE * share * min(offset / _OFFSET_SCALE, 1.0)
+        account[world, _ATTITUDE] = -_ATTITUDE_PRICE * share * min(angle / _ANGLE_SCALE, 1.0)
+        account[world, _FUEL] = -_FUEL_PRICE * fired / limits[_REFERENCE]
+        account[world, _PROGRESS] = potential - account[world, _POTENTIAL]
+        account[world, _CAPTURE] = 1.0 if end == _CAPTURED else (-1.0 if end >= _MISSED else 0.0)
+        account[world, _COST] = max(0.0, offset / free - 1.0) if distance <= limits[_DISTANCE] else 0.0
+        account[world, _POTENTIAL] = potential
+        account[world, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
+        account[world, _END] = end
+        economy = min(1.0, limits[_REFERENCE] / max(data[b, at.OPEN_TIME, w], 1e-9))
+        score = 0.25 * max(0.0, 1.0 + potential)
+        if end == _CAPTURED:
+            score = 0.5 + 0.5 * economy
+        elif end == _RETREATED:
+            score = 0.25
+        elif end >= _MISSED:
+            score = 0.0
+        account[world, _SCORE] = score
+
+
+@njit
+def _filter(sight, limits, estimate):
+    """One step of the alpha-beta filter, driven by the rate change expected of the nominal vehicle."""
+    period = limits[_PERIOD]
+    q = (sight[6], sight[7], sight[8], sight[9])
+    given = rotate_back(q, (sight[_EXPECTED], sight[_EXPECTED + 1], sight[_EXPECTED + 2]))
+    r = (estimate[0], estimate[1], estimate[2])
+    free = hill_acceleration(r, (estimate[3], estimate[4], estimate[5]), limits[_MEAN_MOTION])
+    for k in range(3):
+        change = given[k] + period * free[k]
+        ahead = estimate[k] + period * (estimate[3 + k] + 0.5 * change)
+        missed = sight[_SEEN + k] - ahead
+        estimate[k] = ahead + _ALPHA * missed
+        estimate[3 + k] += change + _BETA / period * missed
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first, last):
+    """Open rates of the scripted pilot, as actions."""
+    lanes, n = data.shape[2], inverse.shape[0]
+    sight, duties = np.empty(13), np.empty(n)
+    for world in range(first, last):
+        b, w = place(world, 0, 1, lanes)
+        time = limits[_PERIOD] * max(data[b, at.STEP, w] - limits[_DELAY], 0.0)
+        for k in range(6):
+            sight[k] = estimate[world, k]
+        for k in range(6, 13):
+            sight[k] = sights[world, 0, k]
+        steer_one(time, sight, inverse, inertia, law, duties)
+        for i in range(n):
+            actions[world, 0, i] = 2.0 * duties[i] - 1.0
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _observe(
+    data, faults, limits, authority, sights, estimate, branch, inhibited, n, inhibit, observe_fault,
+    observations, first, last,
+):  # fmt: skip
+    lanes = data.shape[2]
+    for world in range(first, last):
+        b, w = place(world, 0, 1, lanes)
+        row, sight = observations[world], sights[world, 0]
+        q = (sight[6], sight[7], sight[8], sight[9])
+        angle = attitude_error(quaternion_product(q, conjugate(FACING)))
+        rate = rate_error(q, (sight[10], sight[11], sight[12]), limits[_MEAN_MOTION])
+        for k in range(3):
+            row[k] = bounded(sight[k] / limits[_DISTANCE], _BOUND)
+            row[3 + k] = bounded(sight[k] / _NEAR, _BOUND)
+            row[6 + k] = bounded(estimate[world, 3 + k] / _VELOCITY, _BOUND)
+            row[9 + k] = bounded(angle[k] / _ANGLE, _BOUND)
+            row[12 + k] = bounded(rate[k] / _RATE, _BOUND)
+        row[15] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
+        for i in range(n):
+            row[16 + i] = data[b, at.SCALARS + i, w]
+        for k in range(6):
+            row[16 + n + k] = bounded(sight[_EXPECTED - 6 + k] / authority[k], _BOUND)
+            row[22 + n + k] = bounded(sight[_EXPECTED + k] / authority[k], _BOUND)
+        used = 28 + n
+        if inhibit:
+            for i in range(n):
+                row[used + i] = data[b, inhibited + i, w]
+            row[used + n] = branch[world]
+            used += n + 1
+        if observe_fault:
+            write_oracle_view(faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, used)
