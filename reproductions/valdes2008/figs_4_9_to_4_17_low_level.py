@@ -185,8 +185,8 @@ def ramp(kind: str, effort: Effort) -> Finding:
         note=f"Ramp of the {what}. By computed thrust {int((~faulty).sum())} pulses are healthy and "
         f"{int(faulty.sum())} faulty; the source counts {PRINTED_RAMPS[kind][2] - 1} and "
         f"{faulty.size - PRINTED_RAMPS[kind][2] + 1}. A first alarm of {faulty.size + 1} means none. No "
-        "fault changes the relation of voltage and current that the network learns; it shows by what the network "
-        "learned wrongly.",
+        "fault changes the relation of voltage and current that the network learns; it shows by what the "
+        "network learned wrongly.",
         tables=(
             Table(
                 f"{count} networks, median and range",
