@@ -3,9 +3,9 @@
 Models a reference that moves along-track towards the target, at a constant speed and then braked to the speed
 of contact with a limited deceleration; a proportional-derivative law with feed-forward of the reference and
 of Hill's acceleration for the translation, one for the attitude; and an allocation by the pseudo-inverse to
-which the same open rate is added for all thrusters, at least an idle one, so that none is ever shut: what
-all of them do together must be nothing. Knows nothing of faults. Leaves out the delay of the modulator, which
-is short against the loops.
+which the same open rate is added for all thrusters, an idle one or as much as it takes that none is negative:
+what all of them do together must be nothing. Knows nothing of faults. Leaves out the delay of the modulator,
+which is short against the loops.
 """
 
 from __future__ import annotations
