@@ -64,10 +64,10 @@ def test_it_captures_from_130_m_too():
     assert all(success for success, _, _ in piloted(batch))
 
 
-def unaccommodated(thruster):
+def unaccommodated(thruster, worlds):
     """Components of the attitude error, degrees, and position errors, m, after 60 s stuck open."""
     fault = Fault(thruster, "stuck_on", onset=60.0, duration=60.0)
-    batch = begin(MarsRendezvous(faults=fault, **EXACT_VEHICLE), worlds=8)
+    batch = begin(MarsRendezvous(faults=fault, **EXACT_VEHICLE), worlds=worlds)
     piloted(batch, 1200)
     q = np.array([product(one, chaser_conjugate()) for one in batch.fleet.read(at.ATTITUDE, 4)[:, 0]])
     reference = batch.state.model.pilot.reference(120.0)[0]
@@ -83,18 +83,18 @@ def chaser_conjugate():
 def test_a_thruster_left_stuck_open_for_a_minute_turns_and_shifts_the_chaser(thruster):
     """The specification has 37 to 41 degrees and 1.2 to 2.7 m per axis; delays spread both.
 
-    The plain simulation, too, reaches 2.9 m, and turns by as much in all.
+    The plain simulation, too, reaches 2.9 m.
     """
-    turned, away = unaccommodated(thruster)
-    assert 35.5 < turned.max(axis=1).mean() < 41.5
+    turned, away = unaccommodated(thruster, worlds=24)
+    assert 37.0 < turned.max(axis=1).mean() < 41.0
     assert np.all((away > 1.1) & (away < 3.1))
-    plain = chaser_flight.fly(
-        [0, 1, 2], 120.1, [chaser_flight.ValveFault(thruster, "stuck_on", 1.0, 60.0)] * 3
-    )
+    fault = chaser_flight.ValveFault(thruster, "stuck_on", 1.0, 60.0)
+    plain = chaser_flight.fly(range(24), 120.1, [fault] * 24)
     expected = plain.true_position[:, -1] - (0.0, -8.0, 0.0)
-    np.testing.assert_allclose(away.mean(axis=0), np.abs(expected).mean(axis=0), atol=0.35)
+    np.testing.assert_allclose(away.mean(axis=0), np.abs(expected).mean(axis=0), atol=0.3)
+    # One sigma is 2 to 3 degrees, of the means of 24 about 0.6; the filters are driven differently.
     angles = np.degrees(2.0 * np.arcsin(np.radians(0.5 * np.linalg.norm(turned, axis=1))))
-    assert angles.mean() == pytest.approx(np.degrees(plain.pointing[:, -1]).mean(), abs=2.5)
+    assert angles.mean() == pytest.approx(np.degrees(plain.pointing[:, -1]).mean(), abs=3.0)
 
 
 @pytest.mark.parametrize(
@@ -423,10 +423,13 @@ def test_the_pilot_of_the_task_is_the_pilot_on_its_own():
     )
 
 
-def test_a_vehicle_whose_thrusters_do_not_cancel_is_refused_by_the_pilot():
-    lame = CHASER.replace(thrusters=CHASER.thrusters[:7])
-    with pytest.raises(ValueError, match="thrusters whose sum is zero would be right"):
-        ApproachPilot.of(lame, 20.0)
+def test_where_thrusters_do_not_cancel_the_pilot_leaves_them_shut_unless_they_help():
+    lame = ApproachPilot.of(CHASER.replace(thrusters=CHASER.thrusters[:7]), 20.0)
+    at_rest = ([0.0, -20.0, 0.0], [0.0, 0.1, 0.0])
+    np.testing.assert_allclose(lame(0.0, *at_rest, FACING, WITH_LVLH), 0.0, atol=1e-2)
+    behind = lame(0.0, [0.0, -20.5, 0.0], [0.0, 0.1, 0.0], FACING, WITH_LVLH)[0]
+    assert behind.min() == 0.0
+    assert behind[2:6].min() > 0.05
 
 
 @pytest.mark.parametrize(

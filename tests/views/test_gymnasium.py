@@ -293,11 +293,13 @@ def test_a_spacecraft_of_ones_own_is_used_by_its_path(identifier, tmp_path):
             env.reset()
 
 
-def test_spheres_flies_in_every_task_that_needs_no_discharge(identifier):
-    if gym.make(identifier).unwrapped.task.vehicle.discharge is not None:
-        with pytest.raises(ValueError, match="'spheres' has no discharge"):
-            gym.make(identifier, spacecraft="spheres")
-        return
+def test_spheres_flies_in_every_task_that_needs_neither_discharge_nor_modulator(identifier):
+    own = gym.make(identifier).unwrapped.task.vehicle
+    for device in ("discharge", "modulator"):
+        if getattr(own, device) is not None:
+            with pytest.raises(ValueError, match=f"'spheres' has no {device}"):
+                gym.make(identifier, spacecraft="spheres")
+            return
     check_env(
         gym.make(identifier, spacecraft="spheres", faults=faults_of(identifier)).unwrapped,
         skip_render_check=True,

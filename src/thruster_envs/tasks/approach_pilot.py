@@ -3,9 +3,9 @@
 Models a reference that moves along-track towards the target, at a constant speed and then braked to the speed
 of contact with a limited deceleration; a proportional-derivative law with feed-forward of the reference and
 of Hill's acceleration for the translation, one for the attitude; and an allocation by the pseudo-inverse to
-which the same open rate is added for all thrusters, an idle one or as much as it takes that none is negative:
-what all of them do together must be nothing. Knows nothing of faults. Leaves out the delay of the modulator,
-which is short against the loops.
+which the same open rate is added for all thrusters, an idle one or as much as it takes that none is negative,
+if what all of them do together is nothing; else nothing is added, and negative ones stay shut. Knows nothing
+of faults. Leaves out the delay of the modulator, which is short against the loops.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ FACING = (0.5, 0.5, 0.5, -0.5)
 
 # Entries of the law.
 (
-    _DISTANCE, _SPEED, _CONTACT, _BRAKING, _TRANSLATION, _ROTATION, _DAMPING, _IDLE, _MASS, _MEAN_MOTION,
-) = range(10)  # fmt: skip
+    _DISTANCE, _SPEED, _CONTACT, _BRAKING, _TRANSLATION, _ROTATION, _DAMPING, _IDLE, _CANCEL, _MASS,
+    _MEAN_MOTION,
+) = range(11)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class ApproachPilot:
     Attributes:
         inverse: (n, 6), open rates per N and per N m: minimum norm.
         inertia: (3, 3), kg m^2.
-        law: (10,): distance at the start, m; speed and speed of contact, m/s; deceleration, m/s^2; natural
-            frequencies of translation and rotation, rad/s, and their damping; idle open rate; mass, kg; mean
-            motion, rad/s.
+        law: (11,): distance at the start, m; speed and speed of contact, m/s; deceleration, m/s^2; natural
+            frequencies of translation and rotation, rad/s, and their damping; idle open rate; 1 if all
+            thrusters together do nothing, else 0; mass, kg; mean motion, rad/s.
     """
 
     inverse: FloatArray
@@ -64,21 +65,14 @@ class ApproachPilot:
         damping: float = 0.9,
         idle: float = 0.1,
     ) -> ApproachPilot:
-        """The pilot of a vehicle that starts ``distance`` m behind the target at ``speed``.
-
-        Raises:
-            ValueError: A vehicle whose thrusters together do something.
-        """
+        """The pilot of a vehicle that starts ``distance`` m behind the target at ``speed``."""
         wrenches = vehicle.wrenches()
-        together = np.abs(wrenches.sum(axis=1)) / np.abs(wrenches).sum(axis=1)
-        if together.max() > 1e-9:
-            raise ValueError(
-                f"all thrusters of {vehicle.name!r} together give {wrenches.sum(axis=1)} (N and N m); "
-                "thrusters whose sum is zero would be right for this pilot"
-            )
+        size = np.maximum(np.abs(wrenches).sum(axis=1), np.finfo(np.float64).tiny)
+        together = np.abs(wrenches.sum(axis=1)) / size
+        cancel = 1.0 if together.max() < 1e-9 else 0.0
         law = (
-            distance, speed, contact_speed, braking, translation, rotation, damping, idle, vehicle.mass,
-            vehicle.mean_motion,
+            distance, speed, contact_speed, braking, translation, rotation, damping, idle, cancel,
+            vehicle.mass, vehicle.mean_motion,
         )  # fmt: skip
         inverse = np.asarray(np.linalg.pinv(wrenches), np.float64)
         return cls(inverse, np.array(vehicle.inertia), np.array(law))
@@ -167,6 +161,6 @@ def steer_one(time, sight, inverse, inertia, law, duties):
             torque = inertia[k, 0] * turn[0] + inertia[k, 1] * turn[1] + inertia[k, 2] * turn[2]
             duties[i] += inverse[i, 3 + k] * torque
         lowest = min(lowest, duties[i])
-    shift = max(law[_IDLE], -lowest)
+    shift = law[_CANCEL] * max(law[_IDLE], -lowest)
     for i in range(n):
-        duties[i] = min(duties[i] + shift, 1.0)
+        duties[i] = min(max(duties[i] + shift, 0.0), 1.0)
