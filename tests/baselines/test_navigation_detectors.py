@@ -108,6 +108,30 @@ def test_open_faults_lie_in_the_acceptance_band(opened):
 
 
 @pytest.mark.parametrize(
+    ("changes", "threshold", "detection", "isolation"),
+    [
+        ({"lidar": 0.5e-3}, 6.8e-3, (0.48, 0.69), (1.38, 1.86)),
+        ({"lidar": 2e-3}, 27.3e-3, (0.78, 1.10), (1.68, 2.02)),
+        ({"lidar": 5e-3}, 68.5e-3, (1.10, 1.54), (2.00, 2.44)),
+        ({"delay_variation": 0.06}, 13.6e-3, (0.66, 0.86), (1.56, 1.90)),
+        ({"navigation_delay": 3}, 13.6e-3, (0.66, 0.88), (1.56, 2.08)),
+        ({"idle": 0.3}, 13.6e-3, (0.68, 0.90), (1.58, 1.92)),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_open_faults_are_found_in_the_tabled_time_whatever_the_flight(
+    changes, threshold, detection, isolation
+):
+    """Ranges over 80 flights of another simulation at its own threshold; here of eight."""
+    seen = flights("stuck_on", 1.0, repeats=1, settings=replace(Settings(), **changes), seed=400)
+    watched = watch(CorrelationDetector(MSR_A, threshold, vehicles=8), seen)
+    assert right(watched, seen) == 1.0
+    for found, (least, greatest) in ((watched.detection, detection), (watched.isolation, isolation)):
+        assert found.min() > least - 0.12
+        assert found.max() < greatest + 0.12
+
+
+@pytest.mark.parametrize(
     "reading",
     [{"residual": "last"}, {"vote": "global"}, {"vote": "x"}, {"vote": "z"}, {"window": 30}],
     ids=lambda reading: next(iter(reading)),
