@@ -115,6 +115,26 @@ def test_checkers_find_nothing_wrong_with_the_wrapped_environments(mapper):
     check_env_for_sb3(believing(mapper, faults=FAULTS))
 
 
+def test_what_an_environment_takes_beside_duties_stands_behind_the_rate_change():
+    """On the Mars chaser: a wrench, eight isolation valves and the branch, in both forms."""
+    chaser, single, many = "thruster_envs/MarsRendezvous-v0", [], []
+    env = MapperAction(gym.make(chaser, inhibit=True), LPMapper(load("msr_chaser")))
+    envs = VectorMapperAction(gym.make_vec(chaser, num_envs=2, inhibit=True), LPMapper(load("msr_chaser")))
+    assert env.action_space.shape == envs.single_action_space.shape == (6 + 8 + 1,)
+    env.reset(seed=5)
+    envs.reset(seed=5)
+    action = np.array([0.5, 0, 0, 0, 0.3, 0, -1, -1, 1, -1, -1, -1, -1, -1, -1], np.float32)
+    for _ in range(4):
+        single.append(env.step(action)[0])
+        many.append(envs.step(np.stack([action, action]))[0])
+    np.testing.assert_array_equal(single, np.array(many)[:, 0])
+    np.testing.assert_array_equal(single[-1][36:45], [0, 0, 1, 0, 0, 0, 0, 0, 0])
+    duties = single[-1][16:24].astype(float)
+    change = load("msr_chaser").effectiveness() @ (0.1 * duties)
+    authority = load("msr_chaser").authority()
+    np.testing.assert_allclose(change / authority, [0.5, 0, 0, 0, 0.3, 0], atol=1e-6)
+
+
 def test_the_vector_form_is_the_single_form_in_every_autoreset_mode(mapper):
     def vector(num_envs, autoreset_mode):
         beneath = gym.make_vec(

@@ -53,7 +53,9 @@ class _Allocation:
                 f"the action of {type(base).__name__} is not the duty of each thruster, so there is nothing "
                 "to map to; an environment whose action is a Box would be right"
             )
-        self.thrusters = self.task.action_size
+        self.thrusters = self.task.vehicle.number_of_thrusters
+        #: Numbers of an action: a rate change, and what the environment takes beside duties, as it takes it.
+        self.size = 6 + self.task.action_size - self.thrusters
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):
             raise ValueError(
@@ -75,12 +77,12 @@ class _Allocation:
         return np.asarray(np.where(lost, actions + _ROUND_OFF, actions))
 
     def from_rate_change(self, actions: Array) -> Array:
-        """(worlds, 6) shares of the authority per axis to actions beneath."""
-        command = np.clip(actions, -1.0, 1.0) * self.authority
+        """(worlds, size), shares of the authority per axis and what stands behind, to actions beneath."""
+        command = np.clip(actions[:, :6], -1.0, 1.0) * self.authority
         if self.memory is not None:
             command = command.reshape(self.memory.remainder.shape)
         on_times = np.asarray(self.mapper(command).on_times)
-        return self.duties(on_times.reshape(-1, self.thrusters))
+        return np.concatenate([self.duties(on_times.reshape(-1, self.thrusters)), actions[:, 6:]], axis=1)
 
     def remainder(self) -> Array:
         """(worlds, 6) what the mapper carries over, m/s then rad/s; a copy."""
@@ -122,7 +124,8 @@ def _serves(allocation: _Allocation, *shapes: tuple[int, ...]) -> None:
 class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
     """The action is a body rate change, of which the mapper makes duties.
 
-    Box [-1, 1] (6,), in shares of the vehicle's authority per axis.
+    Box [-1, 1] (6,), in shares of the vehicle's authority per axis. Where the environment takes more than
+    duties (valves of ``MarsRendezvous-v0``), that stands behind the six, unchanged.
 
     A mapper with a memory begins every episode without owing anything; ``info["remainder"]`` (6,), m/s then
     rad/s, is what it carries over to the next action.
@@ -137,7 +140,7 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
         gym.ActionWrapper.__init__(self, env)
         self._allocation = _Allocation(env, mapper)
         _serves(self._allocation, (6,), (1, 6))
-        self.action_space = spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (self._allocation.size,), dtype=np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -155,7 +158,9 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
 
     def action(self, action: Any) -> Array:
         """Duties in [-1, 1]."""
-        duties: Array = self._allocation.from_rate_change(_finite(action, 6)[np.newaxis])[0]
+        duties: Array = self._allocation.from_rate_change(_finite(action, self._allocation.size)[np.newaxis])[
+            0
+        ]
         return duties
 
     def _told(self, info: dict[str, Any]) -> dict[str, Any]:
@@ -176,7 +181,7 @@ class VectorMapperAction(VectorWrapper):
         super().__init__(env)
         self._allocation = _Allocation(env, mapper)
         _serves(self._allocation, (env.num_envs, 6))
-        self.single_action_space = spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self._allocation.size,), dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -191,7 +196,7 @@ class VectorMapperAction(VectorWrapper):
         """One step of all worlds."""
         base: Any = self.env.unwrapped
         begins = base.pending_resets
-        duties = self._allocation.from_rate_change(_finite(actions, self.env.num_envs, 6))
+        duties = self._allocation.from_rate_change(_finite(actions, self.env.num_envs, self._allocation.size))
         observations, rewards, terminated, truncated, infos = self.env.step(duties)
         if self._allocation.memory is not None:
             if base.autoreset_mode == AutoresetMode.SAME_STEP:
