@@ -21,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_baselines.detection.residuals import NavigationFlights
-from thruster_envs.spacecraft import Sensors, Spacecraft, Thruster
+from thruster_envs.spacecraft import Modulator, Sensors, Spacecraft, Thruster
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ MSR_A = Spacecraft(
     thrusters=tuple(
         Thruster(
             name=str(i + 1), position=tuple(POSITIONS[i]), direction=tuple(DIRECTIONS[i]), thrust=22.0,
-            minimum_pulse=0.005,
+            minimum_pulse=0.005, time_constant=0.02,
         )
         for i in range(8)
     ),
@@ -61,6 +61,7 @@ MSR_A = Spacecraft(
         attitude=math.radians(0.03) / math.sqrt(3.0),
         rate=math.radians(0.005) / math.sqrt(3.0),
     ),
+    modulator=Modulator(delay=NOMINAL_DELAY, variation=0.015, variation_period=7.3, jitter=0.015),
     control_period=PERIOD,
     mean_motion=MEAN_MOTION,
 )  # fmt: skip

@@ -237,7 +237,7 @@ def test_fusion_never_names_a_wrong_thruster_for_shifted_thrust(kind, severity):
     assert named.mean() > 0.4
     np.testing.assert_array_equal(watched.thruster[named], seen.thruster[named])
     kinds = np.array(detector.identify().kind)[named]
-    assert np.mean((kinds == "late") | (kinds == "slow")) > 0.8
+    assert np.mean((kinds == "late_opening") | (kinds == "slow_opening")) > 0.8
 
 
 def test_fusion_is_silent_on_healthy_flights_with_wrong_mass_properties():

@@ -21,7 +21,7 @@ from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["BaseNavigationDetector", "Sample", "take_attitude"]
+__all__ = ["BaseNavigationDetector", "Sample", "nominal_delay", "take_attitude"]
 
 SETTLING_TIME = 40.0
 """s after the first sample without alarms: the observers begin at rest, the vehicles do not."""
@@ -211,6 +211,13 @@ class BaseNavigationDetector(ABC):
                 f"({self._vehicles},) would be right"
             )
         return mask
+
+
+def nominal_delay(spacecraft: Spacecraft) -> float:
+    """How long thrust comes after its command, s: the modulator's delay, or the valves' average one."""
+    if spacecraft.modulator is not None:
+        return spacecraft.modulator.delay
+    return float(np.mean([one.opening_delay for one in spacecraft.thrusters]))
 
 
 @njit(error_model="numpy", inline="always")

@@ -50,6 +50,7 @@ from thruster_baselines.detection.residuals.base import (
     SETTLING_TIME,
     BaseNavigationDetector,
     Sample,
+    nominal_delay,
     take_attitude,
 )
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
@@ -61,11 +62,11 @@ from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FUSION_KINDS", "FusionDetector"]
 
-FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "late", "slow")
-"""What `FusionDetector.identify` tells apart. The severity of `late_opening` (the pulse begins later and ends
-when it should), `late` (all of it comes later) and `slow` (first-order time constant) is in s."""
+FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
+"""What `FusionDetector.identify` tells apart, by the names of `thruster_envs.faults`. A late opening is one of
+two: behind a modulator the whole pulse comes later, otherwise it is its beginning alone."""
 
-_NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE_OPENING, _LATE, _SLOW = range(8)
+_NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLOW = range(7)
 
 _SCALES = (4, 12, 36)
 """Samples after which sums begin anew."""
@@ -118,8 +119,8 @@ class FusionDetector(BaseNavigationDetector):
         threshold: Of twice the log-likelihood ratio, dimensionless.
         margin: By how much the named thruster's has to be ahead of every other's.
         confirmations: Samples in a row in which it has to be.
-        lag: How many periods the thrust comes after its command.
-        timing: Standard deviation of the moment at which a pulse comes, s.
+        lag: How many periods the thrust comes after its command; by default the nominal delay.
+        timing: Standard deviation of the moment at which a pulse comes, s; by default the modulator's.
         disturbance: Standard deviation of unmodelled acceleration, new in each sample, as a share of what the
             average thruster gives; it sets how soon the filters forget.
         bias_time: Over which a constant force and torque is taken up, s; infinite takes up none.
@@ -141,8 +142,8 @@ class FusionDetector(BaseNavigationDetector):
         *,
         margin: float = 12.0,
         confirmations: int = 3,
-        lag: int = 1,
-        timing: float = 0.015,
+        lag: int | None = None,
+        timing: float | None = None,
         disturbance: float = 0.01,
         bias_time: float = 20.0,
         use_rate: bool = True,
@@ -152,6 +153,13 @@ class FusionDetector(BaseNavigationDetector):
         super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
         require(margin >= 0.0, "margin", margin, "a number of 0 or more")
         require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
+        if lag is None:
+            lag = round(nominal_delay(self.spacecraft) / self._period)
+        if timing is None:
+            modulator = self.spacecraft.modulator
+            timing = 0.0
+            if modulator is not None:
+                timing = math.sqrt(modulator.variation**2 / 2.0 + modulator.jitter**2 / 3.0)
         require(0 <= lag < _LATEST - 1, "lag", lag, f"a number of periods from 0 to {_LATEST - 2}")
         require(0.0 <= timing < math.inf, "timing", timing, "a number of s, 0 or more")
         require(0.0 < disturbance < math.inf, "disturbance", disturbance, "a share above 0")
@@ -545,37 +553,42 @@ def _identify(  # type: ignore[no-untyped-def]
             if not (s11 > 0.0):
                 continue
             # shut, open, and stuck at c: the course is c - told
-            _keep(statistic, severity, v, 1, -2.0 * c2 - s22, 1.0)
-            _keep(statistic, severity, v, 2, 2.0 * (c1 - c2) - (s11 - 2.0 * cross + s22), 1.0)
+            _keep(statistic, severity, v, _STUCK_OFF, -2.0 * c2 - s22, 1.0)
+            _keep(statistic, severity, v, _STUCK_ON, 2.0 * (c1 - c2) - (s11 - 2.0 * cross + s22), 1.0)
             opening = min(max((c1 + cross) / s11, 0.0), 1.0)
             stuck = 2.0 * (opening * c1 - c2) - (opening**2 * s11 - 2.0 * opening * cross + s22)
-            _keep(statistic, severity, v, 2, stuck - price, opening)
+            _keep(statistic, severity, v, _STUCK_ON, stuck - price, opening)
             if s22 > 0.0:
                 lost = min(max(-c2 / s22, 0.0), 1.0)
-                _keep(statistic, severity, v, 3, -2.0 * lost * c2 - lost**2 * s22 - price, lost)
+                _keep(statistic, severity, v, _LOSS, -2.0 * lost * c2 - lost**2 * s22 - price, lost)
             # a leak that adds to the pulses: the course is c (1 - told)
             spare = s11 - 2.0 * cross + s22
             if spare > 0.0:
                 leak = min(max((c1 - c2) / spare, 0.0), 1.0)
-                _keep(statistic, severity, v, 4, 2.0 * leak * (c1 - c2) - leak**2 * spare - price, leak)
+                _keep(statistic, severity, v, _LEAK, 2.0 * leak * (c1 - c2) - leak**2 * spare - price, leak)
             row = 2
             for k in range(levels.size):
-                _keep(statistic, severity, v, 4, 2.0 * sums[row, 0] - sums[row, 1] - price, levels[k])
+                _keep(statistic, severity, v, _LEAK, 2.0 * sums[row, 0] - sums[row, 1] - price, levels[k])
                 row += 1
             for k in range(lost_times.size):
                 found = 2.0 * sums[row, 0] - sums[row, 1] - price
-                _keep(statistic, severity, v, 5, found, lost_times[k] * period)
+                _keep(statistic, severity, v, _LATE, found, lost_times[k] * period)
                 row += 1
             for k in range(delays.size):
                 _keep(
-                    statistic, severity, v, 6, 2.0 * sums[row, 0] - sums[row, 1] - price, delays[k] * period
+                    statistic,
+                    severity,
+                    v,
+                    _LATE,
+                    2.0 * sums[row, 0] - sums[row, 1] - price,
+                    delays[k] * period,
                 )
                 row += 1
             for k in range(constants.size):
                 c, square_sum = sums[closing + k, 0] - overlap[k], sums[closing + k, 1]
                 opened = min(max(c / square_sum, 0.0), 1.0) if square_sum > 0.0 else 0.0
                 found = 2.0 * sums[row, 0] - sums[row, 1] + opened * (2.0 * c - opened * square_sum)
-                _keep(statistic, severity, v, 7, found - 2.0 * price, constants[k] * period)
+                _keep(statistic, severity, v, _SLOW, found - 2.0 * price, constants[k] * period)
                 row += 1
 
 

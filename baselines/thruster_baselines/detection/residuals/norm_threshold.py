@@ -23,6 +23,7 @@ from thruster_baselines.detection.residuals.base import (
     SETTLING_TIME,
     BaseNavigationDetector,
     Sample,
+    nominal_delay,
     take_attitude,
 )
 from thruster_baselines.detection.residuals.design import ResidualDesign, observer_design, pade_design
@@ -47,8 +48,8 @@ class NormThreshold(BaseNavigationDetector):
         spacecraft: Description, name or path.
         threshold: Of the length of the residual, m.
         design: Of the observer, or a name of one: `pade`, the source's with nine states, `observer`, six
-            states and a delay of one period, `undelayed`, six states without. Those with a name take the
-            spacecraft's mean motion and control period, and a nominal delay of one period.
+            states and a delay of whole periods, `undelayed`, six states without. Those with a name take the
+            spacecraft's mean motion, control period and nominal delay.
         settle: How long after the first sample there are no alarms, s.
         vehicles: How many are watched.
 
@@ -102,20 +103,20 @@ class NormThreshold(BaseNavigationDetector):
 
 
 def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
-    """The design of this name for a spacecraft's mean motion and control period.
+    """The design of this name for a spacecraft's mean motion, control period and nominal delay.
 
     Raises:
-        ValueError: An unknown name.
+        ValueError: An unknown name, or Pade's states for thrust without delay.
 
     >>> from thruster_envs.spacecraft import load
-    >>> named_design(load("orion"), "observer").period
-    5.0
+    >>> named_design(load("msr_chaser"), "observer").late
+    1
     """
-    motion, period = spacecraft.mean_motion, spacecraft.control_period
+    motion, period, delay = spacecraft.mean_motion, spacecraft.control_period, nominal_delay(spacecraft)
     if name == "pade":
-        return pade_design(motion, period, delay=period)
+        return pade_design(motion, period, delay)
     if name == "observer":
-        return observer_design(motion, period, late=1)
+        return observer_design(motion, period, late=round(delay / period))
     if name == "undelayed":
         return observer_design(motion, period, late=0)
     raise ValueError(f"design {name!r} is unknown; {suggestion(name, ('pade', 'observer', 'undelayed'))}")

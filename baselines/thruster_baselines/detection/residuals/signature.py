@@ -30,14 +30,14 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numba import njit
 
-from thruster_baselines.detection.residuals.base import SETTLING_TIME
+from thruster_baselines.detection.residuals.base import SETTLING_TIME, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.generator import turned_direction
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SignatureDetector"]
 
@@ -55,7 +55,7 @@ class SignatureDetector(NormThreshold):
         design: Of the observer, or a name of one; see `NormThreshold`.
         kinds: What is looked for.
         onsets: How many samples before the alarm a fault may have begun.
-        lag: How many periods the thrust comes after its command.
+        lag: How many periods the thrust comes after its command; by default the nominal delay.
         confirmations: N_c, samples in a row with the same thruster and kind.
         settle: How long after the first sample there are no alarms, s.
         vehicles: How many are watched.
@@ -77,18 +77,22 @@ class SignatureDetector(NormThreshold):
         design: ResidualDesign | DesignName = "pade",
         kinds: Sequence[SignatureKind] = ("stuck_on", "loss"),
         onsets: Sequence[int] = (12,),
-        lag: int = 1,
+        lag: int | None = None,
         confirmations: int = 10,
         settle: float = SETTLING_TIME,
         vehicles: int = 1,
     ) -> None:
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        if lag is None:
+            lag = round(nominal_delay(spacecraft) / spacecraft.control_period)
+        require(lag >= 0, "lag", lag, "a number of periods, 0 or more")
         known = get_args(SignatureKind)
         for kind in kinds:
             if kind not in known:
                 raise ValueError(f"kinds has {kind!r}; {suggestion(kind, known)}")
         require(len(kinds) > 0, "kinds", tuple(kinds), "one or two of them")
         require(len(onsets) > 0 and min(onsets) >= 1, "onsets", tuple(onsets), "numbers of samples from 1")
-        require(lag >= 0, "lag", lag, "a number of periods, 0 or more")
         require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
         self.kinds = tuple(kinds)
         self.confirmations, self.lag = int(confirmations), int(lag)
