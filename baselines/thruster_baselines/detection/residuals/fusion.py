@@ -63,8 +63,9 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["FUSION_KINDS", "FusionDetector"]
 
 FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
-"""What `FusionDetector.identify` tells apart, by the names of `thruster_envs.faults`. A late opening is one of
-two: behind a modulator the whole pulse comes later, otherwise it is its beginning alone."""
+"""What `FusionDetector.identify` tells apart, named as in `thruster_envs.faults`.
+
+A late opening is one of two: behind a modulator all of the pulse comes later, otherwise its beginning alone."""
 
 _NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLOW = range(7)
 
