@@ -9,6 +9,7 @@ import pytest
 
 from tests.baselines import chaser_flight
 from tests.baselines.chaser_flight import MSR_A, PERIOD, Settings, ValveFault, fly
+from tests.tasks.flying import begin
 from thruster_baselines.detection import evaluate, threshold_for_rate
 from thruster_baselines.detection.residuals import (
     CorrelationDetector,
@@ -20,6 +21,9 @@ from thruster_baselines.detection.residuals import (
     watch,
 )
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
+from thruster_envs.faults import Fault
+from thruster_envs.physics import layout as at
+from thruster_envs.tasks import MarsRendezvous
 
 THRESHOLD = 0.0136
 """m, of the residual with Pade's states: the tabled one for a LIDAR of a millimetre."""
@@ -400,6 +404,34 @@ def test_statistics_are_what_calibration_takes(healthy):
     found = threshold_for_rate(statistic.reshape(-1, 100).max(axis=1), 0.05)
     assert 3.0 < found.threshold < 15.0
     assert found.upper <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("kind", "severity", "names"),
+    [
+        ("stuck_on", 1.0, ("stuck_on",)),
+        ("stuck_off", 1.0, ("stuck_off",)),
+        ("loss", 0.5, ("loss",)),
+        ("leak", 0.2, ("leak", "stuck_on")),
+        ("late_opening", 0.005, ("late_opening", "loss")),
+        ("slow_opening", 0.5, ("slow_opening", "late_opening")),
+    ],
+)
+def test_fusion_knows_the_faults_of_the_environment(kind, severity, names):
+    """Its own plant and pilot, mass properties that are not those of the description, no tuning."""
+    batch = begin(MarsRendezvous(faults=Fault(3, kind, severity=severity, onset=45.03)), worlds=8)
+    detector = FusionDetector("msr_chaser", 20.0, vehicles=8)
+    for _ in range(560):
+        told = batch.task.pilot_actions(batch.state)
+        rates = 0.5 * (told[:, 0] + 1.0)
+        seen = batch.fleet.read(at.MEASURED, 13)[:, 0]
+        shut = rates < 0.05  # shorter than the minimum on-time
+        detector.update(np.where(shut, 0.0, rates), seen[:, :3], seen[:, 6:10], seen[:, 10:])
+        batch.step(told)
+    np.testing.assert_array_equal(detector.thruster, 3)
+    assert np.median(detector.detection_time) < 45.03 + 1.2
+    assert detector.detection_time.min() > 45.03
+    assert sum(one in names for one in detector.identify().kind) >= 7
 
 
 def source(seeds, faulty):

@@ -65,7 +65,8 @@ __all__ = ["FUSION_KINDS", "FusionDetector"]
 FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
 """What `FusionDetector.identify` tells apart, named as in `thruster_envs.faults`.
 
-A late opening is one of two: behind a modulator all of the pulse comes later, otherwise its beginning alone."""
+A late opening is one of two: the beginning of each pulse is lost, or all of it comes later.
+"""
 
 _NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLOW = range(7)
 
