@@ -1,8 +1,9 @@
 """How fast the environments step: one world, a batch, two threads, growth with the batch.
 
-Measured on ``OrionRendezvous-v0``: whole steps, from actions to observation, reward, flags and info, with
-scatter, sensor noise, faults and the resets that fall due (NEXT_STEP). Not measured: compilation,
-construction, rendering and the policy, whose actions are drawn beforehand.
+Measured on ``OrionRendezvous-v0``, and a batch of ``MarsRendezvous-v0``: whole steps, from actions to
+observation, reward, flags and info, with scatter, sensor noise, faults and the resets that fall due
+(NEXT_STEP). Not measured: compilation, construction, rendering and the policy, whose actions are drawn
+beforehand.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from thruster_envs.registration import register_all
 register_all()
 
 TASK = "thruster_envs/OrionRendezvous-v0"
+MARS_TASK = "thruster_envs/MarsRendezvous-v0"
 ONE_DEAD = [{"thruster": 1, "kind": "stuck_off"}]
 ALL_KINDS = {"probability": 1.0}
 DEAD = {"probability": 1.0, "kinds": ["stuck_off"]}
@@ -36,7 +38,8 @@ for the whole period with a probability of 10 % and shut else. Craft that such d
 bounds, and their resets (autoreset NEXT_STEP) are part of the time; *out of no bounds* has the same
 craft with the bounds out of reach, so that episodes last as they do under control. *All kinds*: every
 world carries one fault of any of the seven kinds, equally likely, from the start of each episode, as
-`FaultDistribution(probability=1.0)` draws it."""
+`FaultDistribution(probability=1.0)` draws it. `MarsRendezvous-v0` is flown in the same way, all duties
+drawn anew; its period of 0.1 s is one sub-step, as exact as ten of 10 ms."""
 
 
 def measure(effort: Effort) -> Section:
@@ -44,9 +47,12 @@ def measure(effort: Effort) -> Section:
     worlds, many = (64, 128) if effort.quick else (1024, 4096)
     single_rows = _single(effort)
     batch_rows = _batch(effort, worlds)
+    mars_rows = _mars(effort, many)
     thread_rows = _threads(effort, many)
     growth_rows, appendix = _growth(effort)
-    return Section("Environments", ABOUT, [*single_rows, *batch_rows, *thread_rows, *growth_rows], appendix)
+    return Section(
+        "Environments", ABOUT, [*single_rows, *batch_rows, *mars_rows, *thread_rows, *growth_rows], appendix
+    )
 
 
 # One world ------------------------------------------------------------------------------------------------
@@ -130,6 +136,7 @@ class BatchFlight:
         whole_periods: Whether thrusters are on or off for whole periods; else all duties differ.
         faults: As the environment takes them.
         threads: Threads that share a step.
+        task: Id of the environment.
         configuration: Fields of the task.
     """
 
@@ -140,15 +147,16 @@ class BatchFlight:
         whole_periods: bool = False,
         faults: Any = ALL_KINDS,
         threads: int = 1,
+        task: str = TASK,
         **configuration: Any,
     ) -> None:
-        self.env: Any = gym.make_vec(TASK, num_envs=worlds, threads=threads, faults=faults, **configuration)
+        self.env: Any = gym.make_vec(task, num_envs=worlds, threads=threads, faults=faults, **configuration)
         self.env.reset(seed=0)
         self.worlds, self.resets, self.steps = worlds, 0, 0
         rng = np.random.default_rng(0)
         self.choices: list[NDArray[np.float32]] = []
         for _ in range(8 if worlds > 8192 else 64):
-            drawn = rng.random((worlds, 12))
+            drawn = rng.random(self.env.action_space.shape)
             actions = np.where(drawn < 0.1, 1.0, -1.0) if whole_periods else 2.0 * drawn - 1.0
             self.choices.append(actions.astype(np.float32))
 
@@ -193,6 +201,23 @@ def _batch(effort: Effort, worlds: int) -> list[Row]:
             for name, flight in flights.items()
         ]  # fmt: skip
     return rows
+
+
+def _mars(effort: Effort, worlds: int) -> list[Row]:
+    flights = {
+        name: BatchFlight(worlds, faults=faults, task=MARS_TASK)
+        for name, faults in (("healthy", None), ("all kinds", ALL_KINDS))
+    }
+    times = race(flights, effort)
+    return [
+        Row(
+            f"MarsRendezvous-v0, {worlds:,} worlds, 1 thread, {name}", times[name].per_second(worlds),
+            "steps/s", AtLeast(500_000),
+            ratio="" if name == "healthy" else _against(times[name], times["healthy"]),
+            note=f"{flight.share_of_resets:.1%} of the world-steps begin an episode",
+        )
+        for name, flight in flights.items()
+    ]  # fmt: skip
 
 
 def _against(timing: Timing, healthy: Timing) -> str:
