@@ -406,7 +406,27 @@ def test_the_pilot_gives_the_wrench_it_wants_about_the_idle_rate():
     pull = -0.04 * error - 0.36 * (np.array(velocity) - (0.0, 0.1, 0.0))
     free = [2 * N * 0.101 + 3 * N * N * 0.02, 0.0, N * N * 0.01]
     x, y, z = 1500.0 * (pull - free)
-    np.testing.assert_allclose(CHASER.wrenches() @ duties, [y, -z, -x, 0.0, 0.0, 0.0], atol=1e-9)
+    expected = [y, -z, -x, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(CHASER.wrenches() @ duties, expected, atol=1e-9)
+    wanted = pilot.wrench(0.0, [position], [velocity], [FACING], [WITH_LVLH])[0]
+    np.testing.assert_allclose(wanted, expected, atol=1e-9)
+
+
+def test_the_pilot_turns_the_chaser_back():
+    """Turned by 0.06 rad about its own y axis, and turning on by 1 mrad/s."""
+    wrench = ApproachPilot.of(CHASER, 20.0).wrench(
+        0.0, [0.0, -20.0, 0.0], [0.0, 0.1, 0.0], TILTED, (0.0, 1e-3 - N, 0.0)
+    )[0]
+    sign = 1.0 if turned_about_y() > 0.0 else -1.0
+    expected = 1700.0 * (-0.25 * sign * 2.0 * math.sin(0.03) - 0.9 * 1e-3)
+    np.testing.assert_allclose(wrench[3:], [0.0, expected, 0.0], atol=1e-6)
+
+
+def turned_about_y():
+    """By how much the attitude ``TILTED`` is one that a positive rate about y leads to."""
+    q, rate = np.array(FACING), np.array([0.0, 0.0, 1.0, 0.0])
+    change = -0.5 * product(rate, q)
+    return float(change @ (np.array(TILTED) - q))
 
 
 def test_the_pilot_of_the_task_is_the_pilot_on_its_own():

@@ -89,11 +89,22 @@ class ApproachPilot:
             attitude: (worlds, 4), body-from-LVLH.
             rate: (worlds, 3), rad/s, body axes.
         """
-        sights = [np.atleast_2d(np.asarray(one, np.float64)) for one in (position, velocity, attitude, rate)]
-        duties = np.empty((sights[0].shape[0], 1, self.inverse.shape[0]))
-        times = np.broadcast_to(np.asarray(time, np.float64), sights[0].shape[:1])
-        _steer(times, np.concatenate(sights, axis=1), self.inverse, self.inertia, self.law, duties)
-        return duties[:, 0]
+        times, sights = _sights(time, position, velocity, attitude, rate)
+        duties = np.empty((sights.shape[0], self.inverse.shape[0]))
+        _steer(times, sights, self.inverse, self.inertia, self.law, duties)
+        return duties
+
+    def wrench(
+        self, time: ArrayLike, position: ArrayLike, velocity: ArrayLike, attitude: ArrayLike, rate: ArrayLike
+    ) -> FloatArray:
+        """(worlds, 6) force and torque that it wants, N and N m, body axes; for who maps it otherwise.
+
+        Arguments as in a call.
+        """
+        times, sights = _sights(time, position, velocity, attitude, rate)
+        wrenches = np.empty((sights.shape[0], 6))
+        _want(times, sights, self.inertia, self.law, wrenches)
+        return wrenches
 
     def reference(self, time: float) -> tuple[float, float, float]:
         """Along-track position, velocity and acceleration of the reference, m, m/s, m/s^2.
@@ -126,40 +137,71 @@ def approach_reference(t, law):
     return contact * (since - braking_time), contact, 0.0
 
 
+def _sights(
+    time: ArrayLike, position: ArrayLike, velocity: ArrayLike, attitude: ArrayLike, rate: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Times (worlds,) and what is seen then (worlds, 13)."""
+    parts = [np.atleast_2d(np.asarray(one, np.float64)) for one in (position, velocity, attitude, rate)]
+    sights = np.concatenate(parts, axis=1)
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(time, np.float64), sights.shape[:1])), sights
+
+
 @njit(error_model="numpy", cache=True, nogil=True)
 def _steer(times, sights, inverse, inertia, law, duties):
-    """Write duties (worlds, 1, n) from sights (worlds, 13)."""
+    """Write duties (worlds, n) from sights (worlds, 13)."""
     for world in range(duties.shape[0]):
-        steer_one(times[world], sights[world], inverse, inertia, law, duties[world, 0])
+        steer_one(times[world], sights[world], inverse, inertia, law, duties[world])
+
+
+@njit(error_model="numpy", cache=True, nogil=True)
+def _want(times, sights, inertia, law, wrenches):
+    """Write wrenches (worlds, 6) from sights (worlds, 13)."""
+    for world in range(wrenches.shape[0]):
+        wrench = _wanted(times[world], sights[world], inertia, law)
+        for k in range(6):
+            wrenches[world, k] = wrench[k]
 
 
 @njit
-def steer_one(time, sight, inverse, inertia, law, duties):
-    """Open rates of one craft from its position, velocity, attitude and rate (13,)."""
-    n, a, z, mean_motion = duties.shape[0], law[_TRANSLATION], law[_ROTATION], law[_MEAN_MOTION]
+def _wanted(time, sight, inertia, law):
+    """Force and torque wanted for one craft, N and N m, body axes, from its sight (13,)."""
+    a, z, mean_motion = law[_TRANSLATION], law[_ROTATION], law[_MEAN_MOTION]
     y, speed, braking = approach_reference(time, law)
     r = (sight[0], sight[1], sight[2])
     v = (sight[3], sight[4], sight[5])
     q = (sight[6], sight[7], sight[8], sight[9])
     free = hill_acceleration(r, v, mean_motion)
     damp = 2.0 * law[_DAMPING]
-    wanted = (
-        law[_MASS] * (-a * a * r[0] - damp * a * v[0] - free[0]),
-        law[_MASS] * (-a * a * (r[1] - y) - damp * a * (v[1] - speed) + braking - free[1]),
-        law[_MASS] * (-a * a * r[2] - damp * a * v[2] - free[2]),
+    force = rotate(
+        q,
+        (
+            law[_MASS] * (-a * a * r[0] - damp * a * v[0] - free[0]),
+            law[_MASS] * (-a * a * (r[1] - y) - damp * a * (v[1] - speed) + braking - free[1]),
+            law[_MASS] * (-a * a * r[2] - damp * a * v[2] - free[2]),
+        ),
     )
-    force = rotate(q, wanted)
     angle = attitude_error(quaternion_product(q, conjugate(FACING)))
     spin = rate_error(q, (sight[10], sight[11], sight[12]), mean_motion)
-    turn = np.empty(3)
-    for k in range(3):
-        turn[k] = -z * z * angle[k] - damp * z * spin[k]
-    lowest = math.inf
+    tx = -z * z * angle[0] - damp * z * spin[0]
+    ty = -z * z * angle[1] - damp * z * spin[1]
+    tz = -z * z * angle[2] - damp * z * spin[2]
+    return (
+        force[0], force[1], force[2],
+        inertia[0, 0] * tx + inertia[0, 1] * ty + inertia[0, 2] * tz,
+        inertia[1, 0] * tx + inertia[1, 1] * ty + inertia[1, 2] * tz,
+        inertia[2, 0] * tx + inertia[2, 1] * ty + inertia[2, 2] * tz,
+    )  # fmt: skip
+
+
+@njit
+def steer_one(time, sight, inverse, inertia, law, duties):
+    """Open rates of one craft from its position, velocity, attitude and rate (13,)."""
+    wrench = _wanted(time, sight, inertia, law)
+    n, lowest = duties.shape[0], math.inf
     for i in range(n):
-        duties[i] = inverse[i, 0] * force[0] + inverse[i, 1] * force[1] + inverse[i, 2] * force[2]
-        for k in range(3):
-            torque = inertia[k, 0] * turn[0] + inertia[k, 1] * turn[1] + inertia[k, 2] * turn[2]
-            duties[i] += inverse[i, 3 + k] * torque
+        duties[i] = 0.0
+        for k in range(6):
+            duties[i] += inverse[i, k] * wrench[k]
         lowest = min(lowest, duties[i])
     shift = law[_CANCEL] * max(law[_IDLE], -lowest)
     for i in range(n):
