@@ -290,6 +290,12 @@ def test_the_reader_says_what_is_wrong_and_recovers_a_rate_beyond_its_range():
         reader.read(first[:3])
 
 
+@pytest.mark.parametrize("steps", [STEPS - 1, STEPS + 1, STEPS // 2, 2 * STEPS])
+def test_a_pilot_made_for_episodes_of_other_length_says_so_at_once(steps):
+    with pytest.raises(ValueError, match=f"steps is {steps}; {STEPS}, as the time to go"):
+        fly(ClassicalPilot("orion", steps), VALIDATION[0], 2)
+
+
 def test_without_a_measurement_navigation_predicts_and_knows_less():
     navigation = RelativeNavigation(ORION)
     attitude = np.array([1.0, 0.0, 0.0, 0.0])

@@ -38,6 +38,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -56,7 +57,7 @@ from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.guidance.hcw import transition_matrix
 from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper, LPMapper
 from thruster_envs.protocols import Diagnosis, FloatArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["ClassicalPilot", "Decision", "DiagnosisSettings", "settings_for"]
 
@@ -185,8 +186,8 @@ class ClassicalPilot:
     The first observation of an episode (all of the time still to go) resets it.
 
     Args:
-        spacecraft: What is flown, as the flight software believes it to be.
-        steps: Control periods of an episode.
+        spacecraft: What is flown, as the flight software believes it to be: description, name or path.
+        steps: Control periods of an episode: `task.steps` of the unwrapped environment.
         settings: Of the controller; by default for the spacecraft's period.
         diagnosis: How to diagnose; None for not at all (the blind pilot, which plans anew all the same).
         compensation: The mapper that makes up for the coupling loss: exactly, or by method II.
@@ -198,11 +199,27 @@ class ClassicalPilot:
         log: Every decision of the episode.
         statistics: Of the likelihood ratio test, of each interval that it was asked about.
         refused: How many measurements could not be used.
+
+    Raises:
+        ValueError: Steps that cannot be, or that are not those of the episode that is flown.
+
+    >>> import gymnasium as gym
+    >>> import thruster_envs
+    >>> fault = {"thruster": 6, "kind": "stuck_off", "onset": 25.0}
+    >>> env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[fault])
+    >>> pilot = ClassicalPilot("orion", env.unwrapped.task.steps)
+    >>> observation, _ = env.reset(seed=0)
+    >>> for _ in range(10):
+    ...     observation, *_ = env.step(pilot(observation))
+    >>> for decision in pilot.log:
+    ...     if decision.what == "named":
+    ...         print(decision)
+        30.0 s  named: thruster 6, stuck_off, 0 % of its thrust, likelihood ratio 171.4
     """
 
     def __init__(
         self,
-        spacecraft: Spacecraft,
+        spacecraft: Spacecraft | str | Path,
         steps: int,
         *,
         settings: RendezvousSettings | None = None,
@@ -210,6 +227,7 @@ class ClassicalPilot:
         compensation: type[ExactCompensationMapper]
         | type[AdditiveCompensationMapper] = ExactCompensationMapper,
     ) -> None:
+        spacecraft = load(spacecraft)
         self.spacecraft, self.steps = spacecraft, steps
         settings = settings_for(spacecraft) if settings is None else settings
         self.controller = RendezvousController(spacecraft, steps, settings=settings)

@@ -24,6 +24,7 @@ _POSITION, _VELOCITY, _ANGLE, _RATE = 300.0, 0.5, 0.5, 0.05  # what 1 stands for
 _BOUND = 5.0  # where entries are clipped
 _TIME = 12  # time to go
 _LAST_DUTIES = 13  # first of n, and after them the measured rate change
+_ROUNDING = 1e-6  # periods
 _UNITS = np.repeat([_POSITION, _VELOCITY, _ANGLE, _RATE], 3)
 
 
@@ -49,7 +50,7 @@ class ObservationReader:
 
     Args:
         spacecraft: That flies.
-        steps: Control periods of an episode.
+        steps: Control periods of an episode: `task.steps` of the unwrapped environment.
 
     Attributes:
         step: Periods since the start of the episode, by its own count.
@@ -73,7 +74,8 @@ class ObservationReader:
         """The measurement of the next period, or None if it cannot be used.
 
         Raises:
-            ValueError: An observation that is too short.
+            ValueError: An observation that is too short; a second one whose time is that of an episode of
+                other length.
         """
         seen = np.asarray(observation, dtype=np.float64)
         n = self._spacecraft.number_of_thrusters
@@ -84,6 +86,8 @@ class ObservationReader:
         begins = self.begins(seen)
         due = 0 if begins else self.step + 1
         told = round((1.0 - seen[_TIME]) * self._steps) if 0.0 <= seen[_TIME] <= 1.0 else None
+        if due == 1:
+            self._check_length(seen)
         late = (told is not None and told < due) or np.array_equal(seen[:13], self._last)
         self.step = due
         self._last = seen[:13].copy()
@@ -112,6 +116,17 @@ class ObservationReader:
         attitude /= np.linalg.norm(attitude)
         orbit_rate = rotation_matrix(attitude) @ [0.0, 0.0, self._spacecraft.mean_motion]
         return Measured(entries[:3], entries[3:6], attitude, entries[9:] + orbit_rate)
+
+    def _check_length(self, second: FloatArray) -> None:
+        """With another length than the episode's, all of its measurements would be taken for late ones."""
+        elapsed = 1.0 - second[_TIME]
+        periods = elapsed * self._steps
+        wrong = min(abs(periods), abs(periods - 1.0)) > self._steps * np.finfo(np.float32).eps + _ROUNDING
+        if wrong and 0.0 < elapsed < 1.0 and (np.abs(second[:12]) < _BOUND).all():
+            raise ValueError(
+                f"steps is {self._steps}; {round(1.0 / elapsed)}, as the time to go of the second "
+                "observation has it (`task.steps` of the unwrapped environment), would be right"
+            )
 
     def _refuse(self, why: str) -> Measured | None:
         self.fault = why
