@@ -200,6 +200,7 @@ class Evaluation:
         left.legend()
         once = 3600.0 / (self.false_alarms.trials * self.duration)  # the rate of a single alarm
         left.set_xscale("symlog", linthresh=once)
+        left.set_xlim(left=0.0)
         left.set_xlabel("false alarms per hour")
         left.set_ylabel("detection delay (s)")
         left.set_title(self.name)
@@ -219,7 +220,7 @@ class Evaluation:
                 fontsize=8.0, color="white" if share > 60.0 else "black",
             )  # fmt: skip
         names = [str(i) for i in range(1, counts.shape[0])]
-        axes.set_xticks(range(counts.shape[1]), ["no alarm", *names, "nobody"])
+        axes.set_xticks(range(counts.shape[1]), ["no\nalarm", *names, "no\nname"])
         axes.set_yticks(range(counts.shape[0]), ["healthy", *names])
         axes.set_xlabel("named")
         axes.set_ylabel("fails")
