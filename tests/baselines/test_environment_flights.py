@@ -206,6 +206,23 @@ def test_worlds_that_begin_again_are_begun_anew():
 def test_only_diagnosis_tasks_can_be_played():
     with pytest.raises(ValueError, match="the observation of OrionRendezvous has no 'time since the start'"):
         DetectorPlayer(make("thruster_envs/OrionRendezvous-v0", 1))
+    with pytest.raises(ValueError, match=r"environment is .*CartPole.*; one of this suite would be right"):
+        DetectorPlayer(gym.make("CartPole-v1"))
+
+
+def test_a_single_environment_is_played_like_a_batch_of_one():
+    fault = {"thruster": 7, "kind": "stuck_off"}
+    alone, batch = gym.make(DIAGNOSIS, faults=[fault]), make(DIAGNOSIS, 1, faults=[fault])
+    player, other = DetectorPlayer(alone), DetectorPlayer(batch)
+    observation, observations = alone.reset(seed=0)[0], batch.reset(seed=0)[0]
+    for _ in range(20):
+        action = player(observation[np.newaxis])[0]
+        actions = other(observations)
+        assert action.tolist() == actions[0].tolist()
+        observation, observations = alone.step(action)[0], batch.step(actions)[0]
+    assert action.tolist() == [7, 0]
+    with pytest.raises(ValueError, match=r"observations has the shape .*; \(worlds, size\)"):
+        player(observation)
 
 
 # ---- Players by the yardstick ------------------------------------------------------------------------------

@@ -443,6 +443,7 @@ def test_results_travel_as_json_markdown_and_a_picture(tmp_path):
     ("given", "line"),
     [
         ({"intervals": 0}, "intervals is 0; one or more would be right"),
+        ({"spacecraft": "orion"}, "spacecraft is 'orion'; a description, as"),
         ({"duration": 0.0}, "duration is 0.0; a positive number of s"),
         ({"open_share": 1.5}, "open_share is 1.5; a share from 0 to 1"),
         ({"bad_measurements": -0.1}, "bad_measurements is -0.1"),
@@ -452,4 +453,4 @@ def test_results_travel_as_json_markdown_and_a_picture(tmp_path):
 )
 def test_what_cannot_fly_is_refused_in_one_line(given, line):
     with pytest.raises(ValueError, match=line):
-        RandomFlights(spacecraft=ORION, **given)
+        RandomFlights(**({"spacecraft": ORION} | given))

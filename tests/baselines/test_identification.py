@@ -142,6 +142,8 @@ def test_a_thruster_that_does_not_exist_is_refused():
             ModelComparison(ORION)(detector.last, wrong)
         with pytest.raises(ValueError, match="1 numbers from 0 to 12"):
             least_squares_severity(detector.last, wrong)
+    with pytest.raises(ValueError, match=r"interval is None; `BaseDetector\.last` after an update"):
+        ModelComparison(ORION)(GLRDetector(ORION).last, [1])
 
 
 @pytest.mark.parametrize("side", range(8))

@@ -46,8 +46,7 @@ class ObservedFiring:
     """
 
     def __init__(self, environment: Any) -> None:
-        task = environment.unwrapped.task
-        self.spacecraft: Spacecraft = task.vehicle
+        self.spacecraft: Spacecraft = _task_of(environment).vehicle
         self.duration: float = self.spacecraft.control_period
         self._duties, self._change = places(environment, "last duties", "last measured rate change")
         self._authority = self.spacecraft.authority()
@@ -57,8 +56,16 @@ class ObservedFiring:
 
         Args:
             observations: (worlds, size).
+
+        Raises:
+            ValueError: Observations of another shape.
         """
         seen = np.asarray(observations, dtype=np.float64)
+        if seen.ndim != 2 or seen.shape[1] < self._change.stop:
+            raise ValueError(
+                f"observations has the shape {seen.shape}; (worlds, size), a row for each world, would be "
+                "right"
+            )
         return seen[:, self._duties] * self.duration, seen[:, self._change] * self._authority
 
 
@@ -68,7 +75,7 @@ def places(environment: Any, *names: str) -> tuple[slice, ...]:
     Raises:
         ValueError: One that has no such entry.
     """
-    task = environment.unwrapped.task
+    task = _task_of(environment)
     found, first = {}, 0
     for feature in task.features:
         found[feature.name] = slice(first, first + feature.size)
@@ -80,6 +87,14 @@ def places(environment: Any, *names: str) -> tuple[slice, ...]:
                 f"{', '.join(repr(one) for one in names)} would be right"
             )
     return tuple(found[name] for name in names)
+
+
+def _task_of(environment: Any) -> Any:
+    """What is flown in an environment of this suite."""
+    task = getattr(environment.unwrapped, "task", None)
+    if task is None:
+        raise ValueError(f"environment is {environment}; one of this suite would be right")
+    return task
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -172,6 +172,11 @@ class RandomFlights:
     bad_measurements: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.spacecraft, Spacecraft):
+            raise ValueError(
+                f"spacecraft is {self.spacecraft!r}; a description, as `thruster_envs.spacecraft.load` gives "
+                "it, would be right"
+            )
         if self.intervals < 1:
             raise ValueError(f"intervals is {self.intervals}; one or more would be right")
         if not 0.0 < self.duration < math.inf:

@@ -157,7 +157,7 @@ class ModelComparison:
             thruster: (vehicles,), the named one, from 1; 0 for none.
 
         Raises:
-            ValueError: A thruster that does not exist.
+            ValueError: A thruster that does not exist, or no interval.
         """
         named = _named(interval, thruster)
         count = named.size
@@ -220,7 +220,9 @@ def _turned(spacecraft: Spacecraft, angle: float, sides: int) -> Iterator[FloatA
         yield spacecraft.replace(thrusters=thrusters).effectiveness() - nominal
 
 
-def _named(interval: Interval, thruster: ArrayLike) -> IntArray:
+def _named(interval: Interval | None, thruster: ArrayLike) -> IntArray:
+    if interval is None:
+        raise ValueError("interval is None; `BaseDetector.last` after an update would be right")
     named = np.asarray(thruster, dtype=np.int64)
     count, n = interval.on_times.shape
     if named.shape != (count,) or (named < 0).any() or (named > n).any():

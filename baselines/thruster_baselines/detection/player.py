@@ -50,7 +50,8 @@ class DetectorPlayer:
             (`CUSUMDetector`).
         comparison: Of the models of a fault; by default four sizes of a loss, five openings, two tilts to
             eight sides.
-        worlds: How many are played; by default as many as the vector environment has.
+        worlds: How many are played; by default as many as the vector environment has, and one of a single
+            environment, whose observation goes in as `observation[np.newaxis]`.
 
     Raises:
         ValueError: An environment that is no diagnosis task.
@@ -78,7 +79,7 @@ class DetectorPlayer:
         comparison: ModelComparison | None = None,
         worlds: int | None = None,
     ) -> None:
-        worlds = environment.num_envs if worlds is None else worlds
+        worlds = getattr(environment, "num_envs", 1) if worlds is None else worlds
         self._time, *_ = places(environment, "time since the start", *_DECLARED)
         self._entries = len(environment.unwrapped.task.choices)
         self._read = ObservedFiring(environment)
@@ -100,6 +101,9 @@ class DetectorPlayer:
 
         Args:
             observations: (worlds, size).
+
+        Raises:
+            ValueError: Observations of another shape.
         """
         on_times, rate_change = self._read(observations)
         begins = observations[:, self._time.start] == 0.0
