@@ -168,12 +168,15 @@ def test_the_state_is_all_observations_and_lies_in_its_space():
     assert np.array_equal(env.state(), np.concatenate([observations[agent] for agent in env.agents]))
 
 
-def test_a_missing_action_is_named():
+def test_a_missing_or_misshapen_action_is_named():
     env = formation_keeping_v0.parallel_env()
     env.reset(seed=0)
     actions = hold(env)
     del actions["craft_3"]
     with pytest.raises(ValueError, match="no action for craft_3"):
+        env.step(actions)
+    actions["craft_3"] = np.zeros(11)
+    with pytest.raises(ValueError, match=r"the action of craft_3 has the shape \(11,\); \(12,\) would be"):
         env.step(actions)
     with pytest.raises(ValueError, match="craft is 9; a whole number from 2 to 8"):
         formation_keeping_v0.parallel_env(craft=9)

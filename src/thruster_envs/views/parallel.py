@@ -90,8 +90,15 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
             raise ValueError(
                 f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
             )
+        given = {agent: np.asarray(actions[agent]) for agent in self.agents}
+        for agent, action in given.items():
+            right = self.action_spaces[agent].shape
+            if action.shape != right:
+                raise ValueError(
+                    f"the action of {agent} has the shape {action.shape}; {right} would be right"
+                )
         self.worlds.max_episode_steps = self.max_cycles
-        step = self.worlds.step(np.stack([np.asarray(actions[agent]) for agent in self.agents])[np.newaxis])
+        step = self.worlds.step(np.stack(list(given.values()))[np.newaxis])
         self._camera.watch(begins=False, mode=self.render_mode)
         agents = self.agents
         rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
