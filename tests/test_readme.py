@@ -26,6 +26,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
         "[5]\nthe rate change of vehicle 0, velocity x, is nan; a finite number of m/s would be right"
         in printed
     )
+    assert "30.0 s  named: thruster 6, stuck_off" in printed
     assert float(printed.split()[-1]) > 0.8
 
 
