@@ -296,6 +296,23 @@ def test_a_pilot_made_for_episodes_of_other_length_says_so_at_once(steps):
         fly(ClassicalPilot("orion", steps), VALIDATION[0], 2)
 
 
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (lambda: DiagnosisSettings(false_alarm_rate=2.0), "false_alarm_rate is 2.0; a rate above 0"),
+        (lambda: DiagnosisSettings(drift=float("nan")), "drift is nan; a finite number of 0 or more"),
+        (lambda: DiagnosisSettings(dead_level=0.95), "dead_level is 0.95 and healthy_level 0.93; shares"),
+        (lambda: DiagnosisSettings(pointing=(0.02, -0.2)), r"pointing is \(0.02, -0.2\); two finite numbers"),
+        (lambda: DiagnosisSettings(longest_gap=0), "longest_gap is 0; one or more would be right"),
+        (lambda: ClassicalPilot(ORION, 0), "steps is 0; one or more would be right"),
+        (lambda: ClassicalPilot(ORION, STEPS)(np.zeros(3)), r"observation has the shape \(3,\); \(37,\)"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_one_line(call, line):
+    with pytest.raises(ValueError, match=line):
+        call()
+
+
 def test_without_a_measurement_navigation_predicts_and_knows_less():
     navigation = RelativeNavigation(ORION)
     attitude = np.array([1.0, 0.0, 0.0, 0.0])

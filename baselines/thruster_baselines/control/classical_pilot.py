@@ -139,6 +139,9 @@ class DiagnosisSettings:
         longest_gap: Periods without a measurement that may be taken as one interval.
         probe_interval: A thruster that did not fire for as long as this is fired for a test, s.
         probe_pulse: Length of that, s; 0 for no tests.
+
+    Raises:
+        ValueError: A value that cannot be.
     """
 
     false_alarm_rate: float = 1e-4
@@ -156,6 +159,26 @@ class DiagnosisSettings:
     longest_gap: int = 3
     probe_interval: float = 800.0
     probe_pulse: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.false_alarm_rate < 1.0:
+            raise ValueError(
+                f"false_alarm_rate is {self.false_alarm_rate}; a rate above 0 and below 1 would be right"
+            )
+        for name in ("lead", "first_deviation", "open_deviation", "dead_deviation", "refining",
+                     "initial_deviation", "drift", "probe_interval", "probe_pulse"):  # fmt: skip
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} is {value}; a finite number of 0 or more would be right")
+        if not 0.0 <= self.dead_level < self.healthy_level <= 1.0:
+            raise ValueError(
+                f"dead_level is {self.dead_level} and healthy_level {self.healthy_level}; shares from 0 to "
+                "1, the first below the second, would be right"
+            )
+        if not all(0.0 <= value < math.inf for value in self.pointing):
+            raise ValueError(f"pointing is {self.pointing}; two finite numbers of 0 or more would be right")
+        if self.longest_gap < 1:
+            raise ValueError(f"longest_gap is {self.longest_gap}; one or more would be right")
 
 
 def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:

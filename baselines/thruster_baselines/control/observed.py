@@ -66,8 +66,12 @@ class ObservationReader:
         self._rate: FloatArray | None = None  # of the last observation, if it could be used
 
     def begins(self, observation: ArrayLike) -> bool:
-        """Whether this is the first observation of an episode and not a repetition of it."""
-        seen = np.asarray(observation, dtype=np.float64)
+        """Whether this is the first observation of an episode and not a repetition of it.
+
+        Raises:
+            ValueError: An observation that is too short.
+        """
+        seen = self._checked(observation)
         return bool(seen[_TIME] == 1.0) and not np.array_equal(seen[:13], self._last)
 
     def read(self, observation: ArrayLike) -> Measured | None:
@@ -77,12 +81,7 @@ class ObservationReader:
             ValueError: An observation that is too short; a second one whose time is that of an episode of
                 other length.
         """
-        seen = np.asarray(observation, dtype=np.float64)
-        n = self._spacecraft.number_of_thrusters
-        if seen.ndim != 1 or seen.size < _LAST_DUTIES + n + 12:
-            raise ValueError(
-                f"observation has the shape {seen.shape}; ({_LAST_DUTIES + n + 12},) or more would be right"
-            )
+        seen, n = self._checked(observation), self._spacecraft.number_of_thrusters
         begins = self.begins(seen)
         due = 0 if begins else self.step + 1
         told = round((1.0 - seen[_TIME]) * self._steps) if 0.0 <= seen[_TIME] <= 1.0 else None
@@ -116,6 +115,13 @@ class ObservationReader:
         attitude /= np.linalg.norm(attitude)
         orbit_rate = rotation_matrix(attitude) @ [0.0, 0.0, self._spacecraft.mean_motion]
         return Measured(entries[:3], entries[3:6], attitude, entries[9:] + orbit_rate)
+
+    def _checked(self, observation: ArrayLike) -> FloatArray:
+        seen = np.asarray(observation, dtype=np.float64)
+        size = _LAST_DUTIES + self._spacecraft.number_of_thrusters + 12
+        if seen.ndim != 1 or seen.size < size:
+            raise ValueError(f"observation has the shape {seen.shape}; ({size},) or more would be right")
+        return seen
 
     def _check_length(self, second: FloatArray) -> None:
         """With another length than the episode's, all of its measurements would be taken for late ones."""
