@@ -173,6 +173,20 @@ def test_the_motion_tells_less_mass_from_less_width(missions):
         assert (misfit[0] < misfit[1]) == (cause < 1.0)
 
 
+def test_each_thruster_is_asked_whether_its_width_has_changed(missions):
+    flown, motion, commanded = missions
+    fit_motion = MotionFit(CUBESAT, RATE_ERROR)
+    for mission in (6, 9, 12, 17):  # mass of thrusters 1 and 4, width of 1 and 6
+        found = flown.discharges(mission, 1)
+        fired = found.step, found.thruster - 1
+        own = found.thruster == (mission - 6) % 6 + 1
+        by_mass, by_width = np.where(own, 0.851, 1.0), np.where(own, 1.147, 1.0)
+        one = tuple(part[mission] for part in (*motion, commanded))
+        answer = fit_motion.width_changed(*one, fired, by_mass, by_width)
+        assert bool(answer[(mission - 6) % 6]) == (mission >= 12)
+        assert answer.sum() == (mission >= 12)
+
+
 def test_misfits_of_healthy_missions_are_those_of_white_errors(missions):
     _, motion, commanded = missions
     healthy = [part[:6] for part in (*motion, commanded)]

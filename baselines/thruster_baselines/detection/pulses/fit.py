@@ -116,7 +116,12 @@ class PulseFit:
         Raises:
             ValueError: Waveforms that are not of the samples of the circuit.
         """
-        seen = self.library.project(*pulse_arrays(self.library.discharge, voltage, current))
+        return self.of_projections(
+            self.library.project(*pulse_arrays(self.library.discharge, voltage, current))
+        )
+
+    def of_projections(self, seen: FloatArray) -> PulseEstimate:
+        """Fit to pulses that are given by their coordinates (pulses, k) in the library's directions."""
         _, misfit_healthy, _ = self._descend(seen, np.zeros((len(seen), 3)), _HEALTHY)
         found, misfit, deviation = self._descend(seen, self._start(seen), _CHANGED)
         ratio, nominal = np.exp(found[:, 1]), np.ones(len(found))

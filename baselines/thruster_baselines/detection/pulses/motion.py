@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from thruster_envs.physics.attitude import conjugate, quaternion_product
-from thruster_envs.protocols import FloatArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["MotionFit", "ThrustShares", "absolute_motion"]
@@ -130,6 +130,40 @@ class MotionFit:
         basis = np.linalg.qr(_drift(seen.shape[1]))[0]
         left = left - np.einsum("kb,lb,mla->mka", basis, basis, left, optimize=True)
         return np.asarray((left**2).sum(axis=1) * (self._kick / self._error) ** 2)
+
+    def width_changed(
+        self,
+        attitude: FloatArray,
+        rate: FloatArray,
+        pulses: FloatArray,
+        fired: tuple[IntArray, IntArray],
+        by_mass: FloatArray,
+        by_width: FloatArray,
+    ) -> BoolArray:
+        """(n,): for each thruster, whether the motion of a mission speaks for width rather than for mass.
+
+        One thruster is asked about at a time; the others are taken to have lost mass.
+
+        Args:
+            attitude: (periods + 1, 4), as for a fit, of one mission.
+            rate: (periods + 1, 3), rad/s.
+            pulses: (periods, 3).
+            fired: Period and thruster, both from 0, of each firing.
+            by_mass: (firings,): share of the nominal thrust if the mass has changed.
+            by_width: (firings,): the same if the width has.
+        """
+        periods, thrusters = fired
+        assumed = np.ones((1, *pulses.shape))
+        assumed[0, periods, thrusters // 2] = by_mass
+        motion = attitude[np.newaxis], rate[np.newaxis], pulses[np.newaxis]
+        mass = self.misfit(*motion, assumed)[0]
+        answer = np.zeros(6, dtype=np.bool_)
+        for thruster in np.unique(thrusters):
+            own = thrusters == thruster
+            other = assumed.copy()
+            other[0, periods[own], thruster // 2] = by_width[own]
+            answer[thruster] = self.misfit(*motion, other)[0, thruster // 2] < mass[thruster // 2]
+        return answer
 
     def _in_pulses(self, attitude: FloatArray, rate: FloatArray, pulses: FloatArray) -> FloatArray:
         """(missions, periods + 1, 3): rates in nominal pulses, less what the craft does by itself."""
