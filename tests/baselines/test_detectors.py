@@ -373,7 +373,11 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
         (lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 0.0), "duration is 0.0"),
         (
             lambda: GLRDetector(ORION).update(-np.eye(12)[1], np.zeros(6), 1.0),
-            "on_times of vehicle 0, thruster 2 is -1.0; a finite number of s, zero or more, would be right",
+            "on_times of vehicle 0, thruster 2 is -1.0; a number of s from 0 to the duration of 1 s would be",
+        ),
+        (
+            lambda: GLRDetector(ORION).update(20.0 * np.eye(12)[4], np.zeros(6), 5.0),  # ms given for s, say
+            "on_times of vehicle 0, thruster 5 is 20.0; a number of s from 0 to the duration of 5 s",
         ),
         (
             lambda: GLRDetector(ORION).update(np.full(12, np.nan), np.zeros(6), 1.0),

@@ -41,6 +41,7 @@ from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["BaseDetector", "Interval"]
 
+_ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
 SOURCE_PROCESS_NOISE = 0.01
 """Variance that each entry of the effectiveness gains per update (Yang 2003, chapter 6)."""
 
@@ -201,8 +202,8 @@ class BaseDetector(ABC):
         """Take in one interval; see `thruster_envs.protocols.Detector`.
 
         Raises:
-            ValueError: A wrong shape, on-times that are negative or not finite, a duration that is not
-                positive.
+            ValueError: A wrong shape, on-times that are negative, longer than the interval or no numbers, a
+                duration that is not positive.
         """
         interval = self._take_in(on_times, rate_change, duration, valid, age)
         self.last = interval
@@ -276,7 +277,7 @@ class BaseDetector(ABC):
             vehicle, thruster = divmod(int(wrong), n)
             raise ValueError(
                 f"on_times of vehicle {vehicle}, thruster {thruster + 1} is {commanded[vehicle, thruster]}; "
-                "a finite number of s, zero or more, would be right"
+                f"a number of s from 0 to the duration of {duration:g} s would be right"
             )
         self._age = ages
         before = self.filter.effectiveness.copy()
@@ -339,10 +340,10 @@ def _at_the_door(
     Nothing but scratch is written if there is one.
     """
     count, n = commanded.shape
-    wrong = -1
+    wrong, longest = -1, duration * (1.0 + _ROUNDING)
     for v in range(count):
         for i in range(n):
-            if wrong < 0 and not (commanded[v, i] >= 0.0 and commanded[v, i] < np.inf):
+            if wrong < 0 and not (commanded[v, i] >= 0.0 and commanded[v, i] <= longest):
                 wrong = v * n + i
     if wrong >= 0:
         return wrong
