@@ -1,5 +1,6 @@
 """Control: closed loops from measurements to thruster duties, with or without a diagnosis of thrusters."""
 
+from thruster_baselines.control.approach import ApproachController, ApproachSettings
 from thruster_baselines.control.classical_pilot import (
     ClassicalPilot,
     Decision,
@@ -14,6 +15,8 @@ from thruster_baselines.control.rendezvous import RendezvousController, Rendezvo
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
 
 __all__ = [
+    "ApproachController",
+    "ApproachSettings",
     "ClassicalPilot",
     "Decision",
     "DiagnosisSettings",

@@ -1,0 +1,129 @@
+"""The law of an approach along the V-bar, from observations of `MarsRendezvous-v0` to open rates or a wrench.
+
+Modelled: a reference that comes along-track at a constant speed and brakes to the speed of contact with a
+limited deceleration; proportional-derivative laws for position and attitude with feed-forward of the
+reference and of Hill's acceleration; an allocation by the pseudo-inverse that raises all open rates together
+(Fonod et al. 2013 leave law and allocation open; gains and idle rate are those of MSR-A, ours). It is the law
+of the environment's own scripted pilot, here on plain NumPy and without its filter of the position, and in
+two halves: who knows of a closed valve maps the wrench otherwise.
+
+Left out: faults, the delay of the modulator, a reference that waits or retreats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from thruster_baselines.control.quaternions import rotation_matrix
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["ApproachController", "ApproachSettings"]
+
+_NEAR, _VELOCITY, _ANGLE, _RATE, _BOUND = 1.0, 0.1, 0.1, 0.02, 5.0  # what 1 stands for; where it is clipped
+_TIME = 15  # time to go
+#: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
+_AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ApproachSettings:
+    """How the approach is flown.
+
+    Attributes:
+        speed: Along-track, m/s.
+        contact_speed: At the target, m/s.
+        braking: Deceleration in between, m/s^2.
+        translation: Natural frequency of the position loop, rad/s.
+        rotation: Natural frequency of the attitude loop, rad/s.
+        damping: Of both.
+        idle: Open rate of a thruster that is not needed.
+    """
+
+    speed: float = 0.1
+    contact_speed: float = 0.05
+    braking: float = 2e-3
+    translation: float = 0.2
+    rotation: float = 0.5
+    damping: float = 0.9
+    idle: float = 0.1
+
+
+class ApproachController:
+    """Acts on observations of `MarsRendezvous-v0`, of one environment or of a batch; it remembers nothing.
+
+    Args:
+        spacecraft: As the flight software believes it.
+        steps: Control periods of an episode: `task.steps` of the unwrapped environment.
+        distance: At the start, m, as the environment has it.
+        navigation_delay: Age of an observation, periods, as the environment has it.
+        settings: How to fly.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        steps: int,
+        *,
+        distance: float = 20.0,
+        navigation_delay: int = 1,
+        settings: ApproachSettings | None = None,
+    ) -> None:
+        self.spacecraft, self.steps, self.distance = spacecraft, steps, distance
+        self.navigation_delay = navigation_delay
+        self.settings = ApproachSettings() if settings is None else settings
+        self.inverse: FloatArray = np.asarray(np.linalg.pinv(spacecraft.wrenches()), np.float64)
+        self._inertia = np.array(spacecraft.inertia)
+
+    def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
+        """Actions (..., n), -1 to 1, for observations (..., m); valves and branch are left alone."""
+        return (2.0 * self.open_rates(self.wrench(observation)) - 1.0).astype(np.float32)
+
+    def open_rates(self, wrench: ArrayLike) -> FloatArray:
+        """(..., n) open rates, 0 to 1, that give a wrench (..., 6) if all thrusters together give none."""
+        rates: FloatArray = np.asarray(wrench, np.float64) @ self.inverse.T
+        shift = np.maximum(self.settings.idle, -rates.min(axis=-1, keepdims=True))
+        return np.asarray(np.clip(rates + shift, 0.0, 1.0))
+
+    def wrench(self, observation: ArrayLike) -> FloatArray:
+        """(..., 6) force and torque to ask for, N and N m, body axes."""
+        seen = np.asarray(observation, np.float64)
+        rows = seen.reshape(-1, seen.shape[-1])
+        law, n = self.settings, self.spacecraft.mean_motion
+        period, a, z = self.spacecraft.control_period, law.translation, law.rotation
+        near = np.abs(rows[:, 3:6]) < _BOUND
+        position = np.where(near, _NEAR * rows[:, 3:6], self.distance * rows[:, :3])
+        velocity = _VELOCITY * rows[:, 6:9]
+        elapsed = np.round((1.0 - rows[:, _TIME]) * self.steps)
+        along, speed, acceleration = self.reference(period * np.maximum(elapsed - self.navigation_delay, 0.0))
+        wanted = -a * a * position - 2.0 * law.damping * a * velocity
+        wanted[:, 1] += a * a * along + 2.0 * law.damping * a * speed + acceleration
+        wanted[:, 0] -= 2.0 * n * velocity[:, 1] + 3.0 * n * n * position[:, 0]
+        wanted[:, 1] += 2.0 * n * velocity[:, 0]
+        wanted[:, 2] += n * n * position[:, 2]
+        angle, spin = _ANGLE * rows[:, 9:12], _RATE * rows[:, 12:15]
+        result = np.empty((rows.shape[0], 6))
+        for row in range(rows.shape[0]):
+            # The observed attitude error is minus twice the vector part of the quaternion.
+            vector = -0.5 * angle[row]
+            turned = np.concatenate([[np.sqrt(max(0.0, 1.0 - float(vector @ vector)))], vector])
+            result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (_AXES @ wanted[row]))
+        result[:, 3:] = -(z * z * angle + 2.0 * law.damping * z * spin) @ self._inertia
+        return result.reshape(*seen.shape[:-1], 6)
+
+    def reference(self, time: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Along-track position, velocity and acceleration of the reference at times (...), m, m/s, m/s^2."""
+        law, t = self.settings, np.asarray(time, np.float64)
+        duration = (law.speed - law.contact_speed) / law.braking
+        length = 0.5 * (law.speed + law.contact_speed) * duration
+        since = t - (self.distance - length) / law.speed
+        braked = np.clip(since, 0.0, duration)
+        speed = law.speed - law.braking * braked
+        coasted = np.where(
+            since > duration, law.contact_speed * (since - duration), np.minimum(since, 0.0) * law.speed
+        )
+        position = -length + coasted + law.speed * braked - 0.5 * law.braking * braked**2
+        return position, speed, np.where((since >= 0.0) & (since < duration), -law.braking, 0.0)
