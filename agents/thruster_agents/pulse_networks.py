@@ -23,6 +23,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import nn
 
+from thruster_agents.dynamic_neurons.training import one_thread
 from thruster_envs.configuration import coerce_fields, require
 from thruster_envs.protocols import FloatArray
 
@@ -153,13 +154,14 @@ class PulseNetwork:
             loss.backward()
             return loss
 
-        optimiser.step(closure)
-        return float(closure().detach())
+        with one_thread():
+            optimiser.step(closure)
+            return float(closure().detach())
 
     def predict(self, scores: FloatArray) -> FloatArray:
         """(pulses, 2): thrust over nominal for either cause; or (pulses,), probability that it is faulty."""
         seen = torch.from_numpy((scores - self._centre) / self._scale)
-        with torch.no_grad():
+        with one_thread(), torch.no_grad():
             out = self.network(seen)
             if self.settings.asked == "thrust":
                 return np.asarray(torch.exp(out).numpy())

@@ -29,7 +29,7 @@ from thruster_agents.dynamic_neurons.networks import DynamicNetwork, SequenceNet
 from thruster_envs.configuration import coerce_fields, require
 from thruster_envs.protocols import FloatArray
 
-__all__ = ["TrainingRecord", "TrainingSettings", "train"]
+__all__ = ["TrainingRecord", "TrainingSettings", "one_thread", "train"]
 
 _LEARNING_RATES = {"lbfgs": 1.0, "adam": 1e-2, "gradient_descent": 3e-2}
 #: What L-BFGS sees the error multiplied by: torch's takes no note of curvature where a product of steps and
@@ -123,12 +123,12 @@ def train(
             f"inputs have the shape {tuple(seen.shape)} and targets {tuple(wanted.shape)}; "
             f"(batch, time, {network.inputs}) and (batch, time) would be right"
         )
-    with _one_thread():
+    with one_thread():
         return _Run(network, seen, wanted[..., None], settings, checkpoint).go(progress)
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """These networks are small: more threads than one wait for each other, and add up in another order."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
