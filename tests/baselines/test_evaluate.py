@@ -300,6 +300,25 @@ def test_a_detector_that_sleeps_is_infinitely_late(tmp_path):
     found.figure(tmp_path / "asleep.png")  # with nothing on its curve
 
 
+@pytest.mark.parametrize(("alarm", "missed", "delay"), [(5, 1.0, math.inf), (6, 0.0, 1.0)])
+def test_an_alarm_at_the_end_of_the_last_sound_interval_is_false(alarm, missed, delay):
+    class Once(Coin):
+        intervals = 0
+
+        def update(self, on_times, rate_change, duration, *, valid=None, age=None):
+            self.intervals += 1
+            zeros = np.zeros((self.vehicles, 12))
+            now = np.full(self.vehicles, self.intervals == alarm)
+            return Diagnosis(now, now.astype(np.int64), now.astype(float), zeros[:, 0], zeros, zeros)
+
+    source = RandomFlights(spacecraft=EXACT, faults=fails("stuck_off", onset=5.0), intervals=20)
+    found = evaluate(
+        lambda vehicles: Once(vehicles, 0), source, name="once", false_alarms=0.2,
+        validation=VALIDATION[:50], test=TEST[:50],
+    )  # fmt: skip
+    assert (found.missed.value, found.median_delay) == (missed, delay)
+
+
 def test_thresholds_are_set_on_validation_and_reported_on_test():
     asked = []
 
