@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -15,9 +17,9 @@ ORION = load("orion")
 NOMINAL = ORION.effectiveness()
 
 
-def fired(sweep, effectiveness, rng):
+def fired(sweep, effectiveness, rng, scatter=0.1):
     """Rate changes (firings, 6) with scatter, and velocities and rates measured before and after each."""
-    strength = 1.0 + 0.1 * rng.uniform(-1.0, 1.0, len(sweep.on_times))
+    strength = 1.0 + scatter * rng.uniform(-1.0, 1.0, len(sweep.on_times))
     sigma = np.repeat([ORION.sensors.velocity, ORION.sensors.rate], 3)
     errors = sigma * rng.normal(size=(len(sweep.on_times) + 1, 6))
     return (sweep.on_times * strength[:, np.newaxis]) @ effectiveness.T + np.diff(errors, axis=0)
@@ -30,14 +32,17 @@ def misaligned(rng, degrees=3.0):
     return NOMINAL + np.radians(degrees) * off * rng.normal(size=NOMINAL.shape)
 
 
-@pytest.mark.parametrize(("pulse", "repetitions"), [(1.0, 1), (4.0, 3)])
-def test_errors_are_what_the_covariance_says(pulse, repetitions):
+@pytest.mark.parametrize(
+    ("pulse", "repetitions", "scatter"), [(1.0, 1, 0.1), (4.0, 3, 0.1), (1.0, 1, 0.0), (4.0, 3, 0.0)]
+)
+def test_errors_are_what_the_covariance_says(pulse, repetitions, scatter):
     rng = np.random.default_rng(3)
-    sweep = CalibrationSweep(ORION, pulse, repetitions)
+    thrusters = [dataclasses.replace(one, scatter=scatter) for one in ORION.thrusters]
+    sweep = CalibrationSweep(ORION.replace(thrusters=thrusters), pulse, repetitions)
     squares = []
     for _ in range(60):
         true = misaligned(rng)
-        calibration = sweep.estimate(fired(sweep, true, rng))
+        calibration = sweep.estimate(fired(sweep, true, rng, scatter))
         error = (calibration.effectiveness - true).T.ravel()
         squares.append(error @ np.linalg.solve(calibration.covariance, error))
     # 72 entries: the mean of 60 squares has a standard deviation of sqrt(2 * 72 / 60) = 1.5; five of them
