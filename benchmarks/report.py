@@ -226,7 +226,7 @@ def machine_facts(share_of_core: float | None, processor_time: bool) -> str:
 
 LIBRARIES = (
     "thruster-envs", "numpy", "numba", "gymnasium", "stable-baselines3", "torch", "vmas", "bsk", "scipy",
-    "highspy", "swiglpk", "daqp", "clarabel", "filterpy",
+    "highspy", "swiglpk", "daqp", "clarabel", "filterpy", "pettingzoo", "supersuit",
 )  # fmt: skip
 
 

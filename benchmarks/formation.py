@@ -1,0 +1,262 @@
+"""How fast a formation on plasma thrusters flies, its pulses are made, and its fault networks are trained.
+
+Measured: whole steps of ``formation_attitude_v0`` (three craft, all of them flown) and ``PulseDiagnosis-v0``,
+whole missions from start to end, waveforms and thrusts of pulses, the training of a low-level network to the
+source's criterion (Valdes 2008, section 4.3), and its filter. Not measured: compilation and construction.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.environments import profile
+from benchmarks.report import AtLeast, AtMost, Row, Section, number, version
+from benchmarks.timing import Effort, Timing, announce, race
+from thruster_envs.missions import fly_missions
+from thruster_envs.physics.plasma_pulse import MU_0, pulse_thrust, pulse_waveforms
+from thruster_envs.registration import register_all
+from thruster_envs.spacecraft import Discharge, load
+
+register_all()
+
+TASK = "thruster_envs/FormationAttitude-v0"
+PULSE_TASK = "thruster_envs/PulseDiagnosis-v0"
+CRAFT = 3
+TARGET = (20.0, 30.0, 40.0)  # roll, pitch and yaw, degrees
+#: Errors of the samples that a low-level network is trained on, V and A, as in the reproductions.
+VOLTAGE_ERROR, CURRENT_ERROR = 4.0, 60.0
+
+ABOUT = """\
+Three craft in every world: one follower takes random pulses, the leader and the other follower fly by the
+compiled law. A craft-step is one control period of one craft, whoever commands it; a step is complete, with
+observation, reward, info and the resets that fall due. *Through SuperSuit* are copies of the PettingZoo
+environment, one world each with both followers as agents, concatenated in one process. Missions last
+3,000 periods of 1 s under the source's law, sensor noise included. A waveform is 3,001 samples of voltage,
+current, position and velocity; SciPy's `solve_ivp` follows the same circuit by DOP853 to a relative error of
+1e-9. A low-level network (2-10-1) is trained with L-BFGS on twelve healthy pulses until the mean square error
+is below 1e-4. Its filter is timed forwards and backwards on as much as its hidden layer is trained with,
+beside a loop over the samples in Python."""
+
+
+def measure(effort: Effort) -> Section:
+    """The figures of this section."""
+    rows = _steps(effort) + _through_supersuit(effort) + _missions(effort)
+    rows += _pulses(effort) + _diagnosis(effort) + _networks(effort)
+    return Section("Formation on plasma thrusters", ABOUT, rows)
+
+
+def random_steps(env: Any) -> Callable[[], None]:
+    """A step of a native batch after another, with actions drawn beforehand."""
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    choices = [env.action_space.sample() for _ in range(64)]
+    count = 0
+
+    def step() -> None:
+        nonlocal count
+        count += 1
+        env.step(choices[count % len(choices)])
+
+    return step
+
+
+def _steps(effort: Effort) -> list[Row]:
+    worlds = 64 if effort.quick else 1024
+    works = {
+        f"{threads}": random_steps(gym.make_vec(TASK, num_envs=worlds, threads=threads, craft=CRAFT))
+        for threads in (1, 2)
+    }
+    times = race(works, effort, threaded=True)
+    single = race({"one": random_steps(gym.make_vec(TASK, num_envs=1, craft=CRAFT))}, effort)["one"]
+    return [
+        Row("formation_attitude_v0, one world", single.per_second(CRAFT), "craft-steps/s", charted=True),
+        Row(
+            f"formation_attitude_v0, {worlds:,} worlds, 1 thread", times["1"].per_second(CRAFT * worlds),
+            "craft-steps/s", charted=True,
+        ),
+        Row(
+            f"formation_attitude_v0, {worlds:,} worlds, 2 threads", times["2"].per_second(CRAFT * worlds),
+            "craft-steps/s", AtLeast(1_000_000),
+            ratio=f"{number(times['2'].times_faster_than(times['1']))} times one thread",
+            explain=lambda: profile(works["2"], 3 if effort.quick else 100), charted=True,
+        ),
+    ]  # fmt: skip
+
+
+def _through_supersuit(effort: Effort) -> list[Row]:
+    name = "formation_attitude_v0, PettingZoo through SuperSuit"
+    if importlib.util.find_spec("supersuit") is None:
+        return [Row(name, None, "craft-steps/s", note="not installed (extra `bench`)")]
+    import supersuit
+
+    from thruster_envs import formation_attitude_v0
+
+    copies = 2 if effort.quick else 8
+    one = supersuit.pettingzoo_env_to_vec_env_v1(formation_attitude_v0.parallel_env(craft=CRAFT))
+    many: Any = supersuit.concat_vec_envs_v1(one, copies, num_cpus=0, base_class="gymnasium")
+    many.reset(seed=0)
+    actions = np.random.default_rng(0).integers(0, 3, (many.num_envs, 3))
+    works: dict[str, Callable[[], object]] = {
+        "SuperSuit": lambda: many.step(actions),
+        "native": random_steps(gym.make_vec(TASK, num_envs=copies, threads=1, craft=CRAFT)),
+    }
+    times = race(works, effort)
+    rate = times["SuperSuit"].per_second(CRAFT * copies)
+    gain = times["native"].times_faster_than(times["SuperSuit"])
+    return [
+        Row(
+            f"formation_attitude_v0, {copies} worlds, native batch",
+            times["native"].per_second(CRAFT * copies), "craft-steps/s",
+            ratio=f"{number(gain)} times SuperSuit", charted=True,
+        ),
+        Row(
+            f"{name}, {copies} worlds", rate, "craft-steps/s", note=f"supersuit {version('supersuit')}",
+            charted=True, own=False,
+        ),
+    ]  # fmt: skip
+
+
+def _missions(effort: Effort) -> list[Row]:
+    steps, batch = (50, 4) if effort.quick else (3000, 128)
+    works: dict[str, Callable[[], object]] = {
+        "one mission": lambda: fly_missions(TARGET, degrees=True, craft=CRAFT, steps=steps),
+        "missions": lambda: fly_missions(TARGET, degrees=True, craft=CRAFT, steps=steps, seeds=range(batch)),
+    }
+    times = race(works, effort, threaded=True)
+    one, many = times["one mission"], times["missions"]
+    return [
+        Row(
+            f"mission of {CRAFT} craft, {steps:,} s", 1e3 * one.seconds, "ms", AtMost(50.0),
+            explain=lambda: profile(works["one mission"], 2),
+        ),
+        Row(
+            f"{batch} missions of {CRAFT} craft at once", many.per_second(batch), "missions/s",
+            ratio=f"{number(many.times_faster_than(one, own=batch))} times one by one",
+        ),
+    ]  # fmt: skip
+
+
+def _pulses(effort: Effort) -> list[Row]:
+    from scipy.integrate import solve_ivp
+
+    circuit = _circuit()
+    count = 16 if effort.quick else 256
+    masses = circuit.slug_mass * np.linspace(0.1, 1.0, count)
+    rates, samples = circuit_rates(circuit), np.linspace(0.0, 30.0, 3001)
+    times = race(
+        {
+            "waveforms": lambda: pulse_waveforms(circuit, slug_mass=masses),
+            "thrusts": lambda: pulse_thrust(circuit, slug_mass=masses),
+            "solve_ivp": lambda: solve_ivp(
+                rates, (0.0, 30.0), np.zeros(4), "DOP853", samples, rtol=1e-9, atol=1e-9
+            ),
+        },
+        effort,
+    )
+    gain = times["waveforms"].times_faster_than(times["solve_ivp"], own=count)
+    return [
+        Row(
+            f"waveforms of {count} pulses", times["waveforms"].per_second(count), "pulses/s",
+            ratio=f"{number(gain)} times SciPy's", charted=True,
+        ),
+        Row(f"thrusts of {count} pulses", times["thrusts"].per_second(count), "pulses/s", charted=True),
+        Row(
+            "waveform by SciPy's `solve_ivp`", times["solve_ivp"].per_second(1.0), "pulses/s", charted=True,
+            own=False,
+        ),
+    ]  # fmt: skip
+
+
+def circuit_rates(circuit: Discharge) -> Callable[[float, NDArray[np.float64]], list[float]]:
+    """Rates of position, charge, velocity and current for SciPy, in us, mm, uC, mm/us and A."""
+    gradient = MU_0 * circuit.electrode_gap / circuit.electrode_width
+
+    def rates(_: float, state: NDArray[np.float64]) -> list[float]:
+        x, q, u, i = state.tolist()
+        push = 0.5e-9 * gradient / circuit.slug_mass * i * i
+        drop = 1e-6 * q / circuit.capacitance + (1e3 * gradient * u + circuit.resistance) * i
+        along = (circuit.voltage - drop) / (circuit.inductance + 1e-3 * gradient * x)
+        return [u, i, push, 1e-6 * along]
+
+    return rates
+
+
+def _diagnosis(effort: Effort) -> list[Row]:
+    worlds = 16 if effort.quick else 256
+    works = {
+        "single": _one_by_one(gym.make(PULSE_TASK)),
+        "batch": random_steps(gym.make_vec(PULSE_TASK, num_envs=worlds, threads=1)),
+    }
+    times = race(works, effort)
+    return [
+        Row("PulseDiagnosis-v0, one world, `gym.make`", times["single"].per_second(1.0), "steps/s"),
+        Row(
+            f"PulseDiagnosis-v0, {worlds} worlds, 1 thread", times["batch"].per_second(worlds), "steps/s",
+            ratio=f"{number(times['batch'].times_faster_than(times['single'], own=worlds))} times one world",
+        ),
+    ]  # fmt: skip
+
+
+def _one_by_one(env: gym.Env[Any, Any]) -> Callable[[], None]:
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    choices = [env.action_space.sample() for _ in range(64)]
+    count = 0
+
+    def step() -> None:
+        nonlocal count
+        count += 1
+        _, _, terminated, truncated, _ = env.step(choices[count % len(choices)])
+        if terminated or truncated:
+            env.reset()
+
+    return step
+
+
+def _networks(effort: Effort) -> list[Row]:
+    import torch
+
+    from thruster_agents.dynamic_neurons import TrainingSettings
+    from thruster_agents.dynamic_neurons.low_level import LowLevelClassifier, LowLevelSettings
+    from thruster_agents.dynamic_neurons.plain_loop import time_filters
+
+    announce("training of low-level networks", effort)
+    rng, circuit = np.random.default_rng(0), _circuit()
+    waves = pulse_waveforms(circuit, voltage=rng.uniform(857.0, 977.0, 12))
+    voltage = waves.voltage + VOLTAGE_ERROR * rng.standard_normal(waves.voltage.shape)
+    current = waves.current + CURRENT_ERROR * rng.standard_normal(waves.current.shape)
+    settings = TrainingSettings(stop=1.0 if effort.quick else 1e-4, iterations=400)
+
+    def train(seed: int) -> Any:
+        classifier = LowLevelClassifier(LowLevelSettings(), generator=torch.Generator().manual_seed(seed))
+        return classifier.train(voltage, current, training=settings)
+
+    records = [train(seed) for seed in range(effort.repetitions)]
+    spent = Timing(tuple(record.seconds for record in records))
+    reached = sum(record.reached for record in records)
+    filters = time_filters(samples=100 if effort.quick else 3000)
+    return [
+        Row(
+            "low-level network to a mean square error of 1e-4", spent.seconds, "s", AtMost(60.0),
+            note=f"{reached} of {len(records)} seeds reach it within {settings.iterations} iterations; the "
+            f"slowest takes {number(max(spent.rounds))} s",
+            explain=lambda: profile(lambda: train(0), 1),
+        ),
+        Row(
+            "filter of a dynamic layer, compiled", 1e3 * filters.compiled, "ms",
+            ratio=f"{number(filters.ratio)} times a loop over the samples",
+        ),
+        Row("filter of a dynamic layer, loop in Python", 1e3 * filters.loop, "ms", own=False),
+    ]  # fmt: skip
+
+
+def _circuit() -> Discharge:
+    circuit = load("ppt_cubesat").discharge
+    assert circuit is not None
+    return circuit
