@@ -50,7 +50,8 @@ ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT = 6e-3, 6e-5, 1000.0
 _BOUND = 5.0
 #: What observations are divided by: rad for the fine error, rad/s.
 _FINE, _RATE = 0.05, 1e-3
-#: Error at which the pointing term is half its worst, rad, and least error that gains are counted from, rad.
+#: Error at which the fine half of the pointing term is half its worst, rad, and least error that gains are
+#: counted from, rad. The coarse half grows with the error, so that a turn pays from its first degree.
 _HALF, _LEAST = 0.05, 0.1
 #: Pulses that a thruster can be owed at most, and what counts as a whole one, rounding forgiven.
 _MOST_OWED, _WHOLE = 2.0, 1.0 - 1e-9
@@ -110,8 +111,8 @@ class FormationAttitude(Task):
             adds some; see :data:`thruster_envs.physics.pulsed_fleet.REPORTED_FAULT_BIAS`.
         rate_soft_limit: Body rate above which ``cost`` counts, rad/s.
         rate_limit: Body rate at which a craft is lost, rad/s.
-        balance_price: What it costs to have used twice the formation's mean or more, per step, in units of
-            the largest pointing penalty.
+        balance_price: What it costs to have used twice the formation's mean or more, per step; an error of
+            1 rad costs about 1.
         pulse_price: What a pulse on each axis costs, likewise.
     """
 
@@ -448,7 +449,7 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
             _assess(data, world, c, targets, limits[_PERIOD], mine)
             used = data[b, at.OPEN_TIME, w]
             excess = min(max(used / mean - 1.0, 0.0), 1.0) if mean > 0.0 else 0.0
-            mine[_POINTING] = -mine[_ANGLE] / (mine[_ANGLE] + _HALF)
+            mine[_POINTING] = -0.5 * (mine[_ANGLE] + mine[_ANGLE] / (mine[_ANGLE] + _HALF))
             mine[_BALANCE] = -limits[_BALANCE_PRICE] * excess
             mine[_PULSES] = -limits[_PULSE_PRICE] * (used - mine[_OPEN_TIME]) / (3.0 * limits[_FIRING_TIME])
             mine[_OPEN_TIME] = used

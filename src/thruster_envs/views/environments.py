@@ -540,7 +540,8 @@ class FormationAttitudeEnv(TaskEnv):
     `thruster_envs.formation_attitude_v0`.
 
     An episode is as long as the missions of the source. For learning, `max_episode_steps=1200` keeps what
-    matters, the turn and its settling, at less than half of the steps.
+    matters, the turn and its settling, at less than half of the steps. One pulse hardly moves a craft, and
+    pulses drawn anew in every period cancel: to explore, hold each action for some ten periods.
 
     ## Action Space
 
@@ -579,7 +580,7 @@ class FormationAttitudeEnv(TaskEnv):
 
     ## Rewards
 
-    - `pointing`: - a / (a + 0.05 rad), with the angle a from the target
+    - `pointing`: - (a / (1 rad) + a / (a + 0.05 rad)) / 2, with the angle a from the target
     - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
       most 1
     - `pulses`: - `pulse_price` times the pulses of the period, over 3

@@ -307,7 +307,7 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     For each agent:
 
-    - `pointing`: - a / (a + 0.05 rad), with the angle a from the target
+    - `pointing`: - (a / (1 rad) + a / (a + 0.05 rad)) / 2, with the angle a from the target
     - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
       most 1
     - `pulses`: - `pulse_price` times the pulses of the period, over 3
@@ -342,7 +342,8 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
     ## Arguments
 
     - `max_cycles`: time limit in periods, 3000 by default, as long as the missions of the source. For
-      learning, 1200 keep what matters, the turn and its settling.
+      learning, 1200 keep what matters, the turn and its settling; to explore, hold each action for some ten
+      periods, since pulses drawn anew in every one cancel.
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, with a
       discharge and a thruster for each way about each axis.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
