@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.environments import profile
+from benchmarks.numpy_formation import NumpyFormation
 from benchmarks.report import AtLeast, AtMost, Row, Section, number, version
 from benchmarks.timing import Effort, Timing, announce, race
-from thruster_envs.missions import fly_missions
+from thruster_envs.missions import attitude_of, fly_missions
 from thruster_envs.physics.plasma_pulse import MU_0, pulse_thrust, pulse_waveforms
 from thruster_envs.registration import register_all
 from thruster_envs.spacecraft import Discharge, load
+from thruster_envs.tasks import FormationAttitude
 
 register_all()
 
@@ -35,13 +37,14 @@ VOLTAGE_ERROR, CURRENT_ERROR = 4.0, 60.0
 ABOUT = """\
 Three craft in every world: one follower takes random pulses, the leader and the other follower fly by the
 compiled law. A craft-step is one control period of one craft, whoever commands it; a step is complete, with
-observation, reward, info and the resets that fall due. *Through SuperSuit* are copies of the PettingZoo
-environment, one world each with both followers as agents, concatenated in one process. Missions last
-3,000 periods of 1 s under the source's law, sensor noise included. A waveform is 3,001 samples of voltage,
-current, position and velocity; SciPy's `solve_ivp` follows the same circuit by DOP853 to a relative error of
-1e-9. A low-level network (2-10-1) is trained with L-BFGS on twelve healthy pulses until the mean square error
-is below 1e-4. Its filter is timed forwards and backwards on as much as its hidden layer is trained with,
-beside a loop over the samples in Python."""
+observation, reward, info and the resets that fall due. *NumPy* is `benchmarks/numpy_formation.py`: the same
+periods in plain NumPy, without infos, faults and resets. *Through SuperSuit* are copies of the PettingZoo
+environment, one world each with both followers as agents, concatenated in one process. Missions last 3,000
+periods of 1 s under the source's law, sensor noise included. A waveform is 3,001 samples of voltage,
+current, position and velocity; SciPy's `solve_ivp` follows the same circuit by DOP853 to a relative error
+of 1e-9. A low-level network (2-10-1) is trained with L-BFGS on twelve healthy pulses until the mean square
+error is below 1e-4. Its filter is timed forwards and backwards on as much as its hidden layer is trained
+with, beside a loop over the samples in Python."""
 
 
 def measure(effort: Effort) -> Section:
@@ -66,27 +69,50 @@ def random_steps(env: Any) -> Callable[[], None]:
     return step
 
 
+def numpy_steps(worlds: int) -> Callable[[], object]:
+    """The same in plain NumPy: one period after another of a healthy batch with one follower commanded."""
+    targets = np.tile([1.0, 0.0, 0.0, 0.0], (worlds, CRAFT, 1))
+    targets[:, 1:] = attitude_of(TARGET, degrees=True)
+    plain = NumpyFormation(FormationAttitude(craft=CRAFT, commanded=1), targets)
+    rng = np.random.default_rng(0)
+    choices = rng.integers(0, 3, (64, worlds, 1, 3))
+    return lambda: plain.step(choices[plain.steps % 64], rng)
+
+
 def _steps(effort: Effort) -> list[Row]:
-    worlds = 64 if effort.quick else 1024
-    works = {
-        f"{threads}": random_steps(gym.make_vec(TASK, num_envs=worlds, threads=threads, craft=CRAFT))
-        for threads in (1, 2)
-    }
-    times = race(works, effort, threaded=True)
-    single = race({"one": random_steps(gym.make_vec(TASK, num_envs=1, craft=CRAFT))}, effort)["one"]
-    return [
-        Row("formation_attitude_v0, one world", single.per_second(CRAFT), "craft-steps/s", charted=True),
-        Row(
-            f"formation_attitude_v0, {worlds:,} worlds, 1 thread", times["1"].per_second(CRAFT * worlds),
-            "craft-steps/s", charted=True,
-        ),
-        Row(
-            f"formation_attitude_v0, {worlds:,} worlds, 2 threads", times["2"].per_second(CRAFT * worlds),
-            "craft-steps/s", AtLeast(1_000_000),
-            ratio=f"{number(times['2'].times_faster_than(times['1']))} times one thread",
-            explain=lambda: profile(works["2"], 3 if effort.quick else 100), charted=True,
-        ),
-    ]  # fmt: skip
+    many = 64 if effort.quick else 1024
+    rows = []
+    for worlds in (1, many):
+        name = f"formation_attitude_v0, {worlds:,} world{'s' if worlds > 1 else ''}"
+        works: dict[str, Callable[[], object]] = {
+            "1 thread": random_steps(gym.make_vec(TASK, num_envs=worlds, threads=1, craft=CRAFT)),
+            "NumPy": numpy_steps(worlds),
+        }
+        if worlds > 1:
+            env = gym.make_vec(TASK, num_envs=worlds, threads=2, craft=CRAFT)
+            works["2 threads"] = random_steps(env)
+        times = race(works, effort, threaded=worlds > 1)
+        for way, timing in times.items():
+            compared = "NumPy" if way == "1 thread" else "1 thread"
+            gain = number(timing.times_faster_than(times[compared]))
+            target = AtLeast(1_000_000) if way == "2 threads" else None
+            rows.append(
+                Row(
+                    f"{name}, {way}",
+                    timing.per_second(CRAFT * worlds),
+                    "craft-steps/s",
+                    target,
+                    ratio="" if way == "NumPy" else f"{gain} times {compared}",
+                    explain=_explanation(works[way], effort),
+                    charted=True,
+                    own=way != "NumPy",
+                )
+            )
+    return rows
+
+
+def _explanation(work: Callable[[], object], effort: Effort) -> Callable[[], str]:
+    return lambda: profile(work, 3 if effort.quick else 100)
 
 
 def _through_supersuit(effort: Effort) -> list[Row]:

@@ -125,8 +125,8 @@ class NumpyFlight:
         quarter = 0.84375 * rate + 0.15625 * end + h * (0.140625 * k1 - 0.046875 * slope)
         middle = 0.5 * (rate + end) + h * (0.125 * k1 - 0.125 * slope)
         attitude = motion.attitude
-        half_way = _follow_orbit(_turn(attitude, rate, quarter, middle, 0.5 * h), mean_motion, 0.5 * h)
-        motion.attitude = _follow_orbit(_turn(attitude, rate, middle, end, h), mean_motion, h)
+        half_way = _follow_orbit(turn(attitude, rate, quarter, middle, 0.5 * h), mean_motion, 0.5 * h)
+        motion.attitude = _follow_orbit(turn(attitude, rate, middle, end, h), mean_motion, h)
         motion.rate = end
         f0, fm, f1 = (_rotate_back(q, force) for q in (attitude, half_way, motion.attitude))
         r, v = motion.position, motion.velocity
@@ -141,23 +141,23 @@ class NumpyFlight:
         motion.velocity = v + h / 6 * (a1 + 2 * (a2 + a3) + a4)
 
     def _angular_acceleration(self, rate: Array, torque: Array) -> Array:
-        return (torque - _cross(rate, rate @ self.inertia)) @ self.inverse
+        return (torque - cross(rate, rate @ self.inertia)) @ self.inverse
 
     def _look(self, durations: Array, noise: Array) -> None:
         """Measure, and form the measured and the expected rate change."""
         sensors, truth, old = self.spacecraft.sensors, self.motion, self.measured
-        tilt = _exponential(0.5 * sensors.attitude * noise[:, 6:9])
+        tilt = exponential(0.5 * sensors.attitude * noise[:, 6:9])
         new = Motion(
             truth.position + sensors.position * noise[:, 0:3],
             truth.velocity + sensors.velocity * noise[:, 3:6],
-            _product(tilt, truth.attitude),
+            product(tilt, truth.attitude),
             truth.rate + sensors.rate * noise[:, 9:12],
         )
         free = np.concatenate([old.position, old.velocity], axis=1) @ self.drift.T
         mean = 0.5 * (old.rate + new.rate)
         turn = self.spacecraft.control_period * self._angular_acceleration(mean, np.zeros(3))
         self.measured_change = np.concatenate(
-            [_rotate(old.attitude, new.velocity - free), new.rate - old.rate - turn], axis=1
+            [rotate(old.attitude, new.velocity - free), new.rate - old.rate - turn], axis=1
         )
         together = (
             np.minimum(durations[:, :, np.newaxis], durations[:, np.newaxis, :]).sum(axis=2) - durations
@@ -171,36 +171,39 @@ def _hill(r: Array, v: Array, n: float) -> Array:
     return np.stack([2 * n * v[:, 1] + 3 * n * n * r[:, 0], -2 * n * v[:, 0], -n * n * r[:, 2]], axis=1)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """As ``np.cross``, several times faster for short arrays."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
-def _product(a: Array, b: Array) -> Array:
+def product(a: Array, b: Array) -> Array:
+    """Hamilton products of scalar-first quaternions, (worlds, 4)."""
     scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + _cross(a[:, 1:], b[:, 1:])
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross(a[:, 1:], b[:, 1:])
     return np.concatenate([scalar, vector], axis=1)
 
 
-def _rotate(q: Array, v: Array) -> Array:
-    t = _cross(q[:, 1:], v)
-    return v + 2.0 * _cross(q[:, 1:], t + q[:, :1] * v)
+def rotate(q: Array, v: Array) -> Array:
+    """Components in the body of reference vectors, (worlds, 3)."""
+    t = cross(q[:, 1:], v)
+    return v + 2.0 * cross(q[:, 1:], t + q[:, :1] * v)
 
 
 def _rotate_back(q: Array, v: Array) -> Array:
-    return _rotate(q * np.array([1.0, -1.0, -1.0, -1.0]), v)
+    return rotate(q * np.array([1.0, -1.0, -1.0, -1.0]), v)
 
 
-def _exponential(vector: Array) -> Array:
+def exponential(vector: Array) -> Array:
+    """Rotations by twice the length of vectors, (worlds, 4)."""
     length = np.linalg.norm(vector, axis=1, keepdims=True)
     return np.concatenate([np.cos(length), np.sinc(length / np.pi) * vector], axis=1)
 
 
-def _turn(q: Array, rate_0: Array, rate_m: Array, rate_1: Array, h: Array) -> Array:
+def turn(q: Array, rate_0: Array, rate_m: Array, rate_1: Array, h: Array) -> Array:
     """Fourth-order Magnus step of the attitude in inertial space."""
-    twist = _cross(rate_0, rate_1)
-    step = _exponential(-h / 12 * (rate_0 + 4.0 * rate_m + rate_1) - h * h / 24 * twist)
-    return _product(step, q)
+    twist = cross(rate_0, rate_1)
+    step = exponential(-h / 12 * (rate_0 + 4.0 * rate_m + rate_1) - h * h / 24 * twist)
+    return product(step, q)
 
 
 def _follow_orbit(q: Array, mean_motion: float, h: Array) -> Array:
