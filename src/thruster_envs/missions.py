@@ -227,6 +227,7 @@ def fly_missions(
     discharge_of(vehicle)
     check_whole("craft", craft, 2, 2**20)
     check_whole("steps", steps, 1, 2**31)
+    check_whole("fault_slots", fault_slots, 1, 64)
     if not noise:
         vehicle = vehicle.replace(sensors=Sensors())
     sources = _faults_by_mission(faults)

@@ -7,6 +7,7 @@ modelled and what is left out stands in :mod:`thruster_envs.physics.pulsed_fligh
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class PulsedFleet(Fleet):
             Results do not depend on it.
 
     Raises:
-        ValueError: A spacecraft without a discharge.
+        ValueError: A spacecraft without a discharge, or torques that are not numbers.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class PulsedFleet(Fleet):
         threads: int | None = None,
     ) -> None:
         discharge = discharge_of(spacecraft)
+        check_torques(bias_torque, fault_bias)
         super().__init__(
             spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
             kinds=GENERAL_KINDS + DISCHARGE_KINDS,
@@ -84,6 +86,17 @@ class PulsedFleet(Fleet):
     def _fly(self, move: bool, first: int, last: int) -> None:
         fly = pulse.fly_singly if self.lanes == 1 else pulse.fly_blocks
         fly(self.data, self.faults, self.streams, self.vehicle, move, first, last)
+
+
+def check_torques(bias_torque: Sequence[float], fault_bias: Sequence[float]) -> None:
+    """Refuse torques beside the pulses that are not numbers, or not as many as they should be.
+
+    Raises:
+        ValueError: One line names them.
+    """
+    for name, values, count in (("bias_torque", bias_torque, 3), ("fault_bias", fault_bias, 2)):
+        if len(values) != count or not all(map(math.isfinite, values)):
+            raise ValueError(f"{name} is {values}; {count} finite numbers of N m would be right")
 
 
 def discharge_of(spacecraft: Spacecraft) -> Discharge:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.physics import layout as at
 from thruster_envs.physics import pulsed_flight as pulse
-from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, discharge_of
+from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, check_torques, discharge_of
 from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.access import attitude_error, bounded, place
@@ -150,9 +150,7 @@ class FormationAttitude(Task):
             low, high = getattr(self, name)
             if not -180.0 <= low <= high <= 180.0:
                 raise ValueError(f"{name} is {(low, high)}; two angles from -180 to 180 would be right")
-        for name in ("bias_torque", "fault_bias"):
-            if not all(map(math.isfinite, getattr(self, name))):
-                raise ValueError(f"{name} is {getattr(self, name)}; finite numbers of N m would be right")
+        check_torques(self.bias_torque, self.fault_bias)
         for name in ("rate_soft_limit", "rate_limit"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; a finite number above 0 would be right")
