@@ -15,7 +15,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(README), "exec"), names)  # the user's paste
@@ -27,7 +27,11 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
         in printed
     )
     assert "30.0 s  named: thruster 6, stuck_off" in printed
-    assert float(printed.split()[-1]) > 0.8
+    *_, score, declared = printed.splitlines()
+    assert float(score) > 0.8
+    thrusters, first = re.fullmatch(r"\{(.*)\} (\d+)", declared).groups()
+    assert thrusters == "1"
+    assert 400 <= int(first) < 1000
 
 
 def test_it_states_the_score_that_training_is_held_to():
