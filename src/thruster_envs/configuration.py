@@ -131,8 +131,23 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     'known are thrust, position'
     """
     names = [str(one) for one in known]
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(names)}"
+    near = nearest(name, names)
+    return f"known are {', '.join(names)}" if near is None else f"did you mean {near!r}?"
+
+
+def nearest(name: str, known: Iterable[str], *, likeness: float = 0.6) -> str | None:
+    """The known name that is most like `name`; None where none is like it.
+
+    Args:
+        name: What was typed.
+        known: The names that exist.
+        likeness: How much alike the two must be at least, 0..1, in the sense of `difflib`.
+
+    >>> nearest("Faults", ("faults", "reset_mask"), likeness=0.8)
+    'faults'
+    """
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=likeness)
+    return near[0] if near else None
 
 
 def _field_types(cls: type[Any]) -> dict[str, Any]:

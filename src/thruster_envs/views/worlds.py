@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import operator
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_envs.configuration import nearest
 from thruster_envs.faults import as_faults
 from thruster_envs.faults import encoding as code
 from thruster_envs.tasks import Task
@@ -18,6 +20,9 @@ from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
 _LOW = 2**64 - 1
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
+#: Keys of a reset's options that mean something in some view, and how much like one of them a slip of the
+#: pen is; other keys are those of wrappers and checkers, and nobody's business here.
+_OPTIONS, _SLIP = ("faults", "reset_mask"), 0.8
 
 
 class Step(NamedTuple):
@@ -91,8 +96,10 @@ class Worlds:
         Args:
             which: (k,), their numbers.
             options: ``{"faults": ...}`` gives these worlds other faults for this episode only, in any form
-                that :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone.
+                that :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone, with a warning
+                where one looks like a slip of the pen.
         """
+        _warn_of_slips(options or {})
         plan = self.faults
         if options is not None and "faults" in options:
             plan = self.fleet.plan(as_faults(options["faults"]))
@@ -217,6 +224,18 @@ def _told(rows: FloatArray) -> _Told:
     return _Told(
         thruster, kind, rows[..., code.FIELD_SEVERITY].copy(), onset.copy(), np.where(present, end, 0.0)
     )
+
+
+def _warn_of_slips(options: Mapping[str, Any]) -> None:
+    """Say so where an option that is left alone is nearly one that is not."""
+    for key in options:
+        near = None if key in _OPTIONS else nearest(str(key), _OPTIONS, likeness=_SLIP)
+        if near is not None:
+            warnings.warn(
+                f"reset(options=...) has the key {key!r}, which nothing reads; did you mean {near!r}?",
+                UserWarning,
+                stacklevel=4,
+            )
 
 
 def checked_seed(seed: Any) -> int:
