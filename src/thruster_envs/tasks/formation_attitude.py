@@ -154,6 +154,11 @@ class FormationAttitude(Task):
         for name in ("rate_soft_limit", "rate_limit"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; a finite number above 0 would be right")
+        if self.rate_limit < self.rate_soft_limit:
+            raise ValueError(
+                f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more would "
+                "be right"
+            )
         for name in ("balance_price", "pulse_price"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(
@@ -353,7 +358,10 @@ def _angle(e):
 
 @njit(forceinline=True)
 def _assess(data, world, c, targets, period, account):
-    """How far a craft truly is from its target, and which requirements it meets; its rate."""
+    """How far a craft truly is from its target, and how many of the requirements it meets.
+
+    That of a rate counts only where that of the same axis's attitude is met: standing still is no merit.
+    """
     e = _true_error(data, world, c, targets)
     _, rate = relative_motion(data, at.ATTITUDE, world, c, targets.shape[1])
     account[_ANGLE] = _angle(e)
@@ -361,7 +369,8 @@ def _assess(data, world, c, targets, period, account):
     for k in range(3):
         close = abs(e[1 + k]) < ATTITUDE_TOLERANCE
         inside &= close
-        met += (1.0 if close else 0.0) + (1.0 if abs(rate[k]) < RATE_TOLERANCE else 0.0)
+        if close:
+            met += 2.0 if abs(rate[k]) < RATE_TOLERANCE else 1.0
     account[_MET] = met
     if not inside:
         account[_SETTLED] = account[_SINCE] + period

@@ -603,7 +603,8 @@ class FormationAttitudeEnv(TaskEnv):
       (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
     - `score`: half for the share of the turn that is done, half for the share of the six requirements met
-      now; 0 where a craft is lost.
+      now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is
+      lost.
     - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
     - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
       `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
