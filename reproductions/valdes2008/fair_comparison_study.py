@@ -66,10 +66,14 @@ __all__ = [
     "Mission",
     "Plan",
     "Said",
+    "drawn_pulses",
+    "fit",
     "further_false_alarms",
     "healthy_missions",
     "judge",
     "plan_of",
+    "pulse_networks",
+    "scores",
     "test_missions",
 ]
 
@@ -233,13 +237,14 @@ Judge: TypeAlias = Callable[[Mission, Pulses], BoolArray]
 
 
 @cache
-def _scores() -> WaveformScores:
+def scores() -> WaveformScores:
+    """Of pulses of every cause."""
     rng = np.random.default_rng(TRAIN.start + 102)
-    parameters, _ = _drawn(rng, 600)
+    parameters, _ = drawn_pulses(rng, 600)
     return WaveformScores.of(*measured(rng, **parameters), (VOLTAGE_ERROR, CURRENT_ERROR), _SCORES)
 
 
-def _drawn(rng: np.random.Generator, count: int) -> tuple[dict[str, FloatArray], FloatArray]:
+def drawn_pulses(rng: np.random.Generator, count: int) -> tuple[dict[str, FloatArray], FloatArray]:
     """Pulses of any cause or none, at any charge voltage; and log thrust for either cause, and the true one.
 
     Half of the failing ones have a change of thrust that is evenly distributed, half a severity that is.
@@ -269,14 +274,14 @@ def _drawn(rng: np.random.Generator, count: int) -> tuple[dict[str, FloatArray],
 
 
 @cache
-def _pulse_networks(seeds: int, asked: str) -> tuple[PulseNetwork, ...]:
+def pulse_networks(seeds: int, asked: str) -> tuple[PulseNetwork, ...]:
     """Trained on other pulses each."""
     found = []
     for seed in range(seeds):
         rng = np.random.default_rng(TRAIN.start + 103 + seed)
-        parameters, log_thrust = _drawn(rng, _SEEN_PULSES)
+        parameters, log_thrust = drawn_pulses(rng, _SEEN_PULSES)
         seen = np.concatenate(
-            [_scores()(*measured(rng, **{name: part[k : k + 500] for name, part in parameters.items()}))
+            [scores()(*measured(rng, **{name: part[k : k + 500] for name, part in parameters.items()}))
              for k in range(0, _SEEN_PULSES, 500)]
         )  # fmt: skip
         settings = PulseNetworkSettings(asked=asked)  # type: ignore[arg-type]
@@ -443,10 +448,8 @@ def methods(plan: Plan) -> dict[str, list[Judge]]:
         "thrust by the motion": [shares],
         "circuit fitted": [circuit],
         "circuit fitted, and motion": [circuit_and_motion],
-        "network of waveforms": [health(one) for one in _pulse_networks(plan.seeds, "health")],
-        "network of waveforms, and motion": [
-            by_network(one) for one in _pulse_networks(plan.seeds, "thrust")
-        ],
+        "network of waveforms": [health(one) for one in pulse_networks(plan.seeds, "health")],
+        "network of waveforms, and motion": [by_network(one) for one in pulse_networks(plan.seeds, "thrust")],
     }
 
 
@@ -477,7 +480,7 @@ def _judge(plan: Plan) -> Said:
     for number, mission in enumerate(test_missions(plan.forms)):
         rng = np.random.default_rng(TEST.start + 20_000 + number)
         voltage, current = measured(rng, **mission.parameters)
-        pulses = Pulses(voltage, current, _scores()(voltage, current))
+        pulses = Pulses(voltage, current, scores()(voltage, current))
         for name, those in judges.items():
             for seed, one in enumerate(those):
                 said[name][seed].append(np.asarray(one(mission, pulses), dtype=np.bool_))
@@ -492,9 +495,9 @@ def further_false_alarms(plan: Plan) -> dict[str, list[int]]:
     so its scores are drawn directly, as are its coordinates in the directions of the library.
     """
     missions = healthy_missions(plan.healthy, TEST)
-    networks = _pulse_networks(plan.seeds, "thrust")
+    networks = pulse_networks(plan.seeds, "thrust")
     exact = measured_without_errors()
-    scores = _scores()(*exact)[0]
+    nominal = scores()(*exact)[0]
     coordinates = fit().library.project(*exact)[0]
     alarms = {"circuit fitted, and motion": [0], "network of waveforms, and motion": [0] * plan.seeds}
     for number, mission in enumerate(missions):
@@ -504,7 +507,7 @@ def further_false_alarms(plan: Plan) -> dict[str, list[int]]:
         alarms["circuit fitted, and motion"][0] += bool(
             faulty_with_motion(mission, estimate.thrust_if_mass, estimate.thrust_if_width).any()
         )
-        seen = scores + rng.standard_normal((firings, scores.size))
+        seen = nominal + rng.standard_normal((firings, nominal.size))
         for seed, network in enumerate(networks):
             alarms["network of waveforms, and motion"][seed] += bool(
                 faulty_with_motion(mission, *network.predict(seen).T).any()

@@ -115,7 +115,7 @@ def thresholds(effort: Effort) -> Finding:
             "every threshold is mean + factor (largest - mean)": bool(
                 np.allclose(found, mean + sigma * (largest - mean))
             ),
-            "the printed thresholds lie within the range of the seeds": bool(inside.all()) or len(runs) < 2,
+            "the printed thresholds lie within the range of the seeds": all(inside) or len(runs) < 2,
         },
         data={"thresholds": found},
         not_reproducible="the values 135, 50 and 76: they go over a factor of "

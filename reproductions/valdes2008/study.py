@@ -63,9 +63,11 @@ RAMPS: dict[str, dict[str, FloatArray]] = {
 """Arguments of `pulse_waveforms` for the pulses of eq. 4.4, 4.5, and 4.6 with a plus (printed: a minus)."""
 
 
-def measured(rng: np.random.Generator, **parameters: Any) -> tuple[FloatArray, FloatArray]:
+def measured(
+    rng: np.random.Generator, circuit: Discharge = CIRCUIT, **parameters: Any
+) -> tuple[FloatArray, FloatArray]:
     """Voltage and current (pulses, samples) with errors; arguments as of `pulse_waveforms`."""
-    waves = pulse_waveforms(CIRCUIT, **parameters)
+    waves = pulse_waveforms(circuit, **parameters)
     return (
         waves.voltage + VOLTAGE_ERROR * rng.standard_normal(waves.voltage.shape),
         waves.current + CURRENT_ERROR * rng.standard_normal(waves.current.shape),
