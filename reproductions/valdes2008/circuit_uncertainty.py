@@ -8,6 +8,7 @@ any cause or none, and the cause is told, as the motion would. Nothing is calibr
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -87,23 +88,25 @@ def uncertainty(effort: Effort) -> Finding:
         + "; ".join(f"{scatter:.1%} scatter {a:.2f} and {spread(b, '.2f')} %"
                     for scatter, (a, b) in percent.items()),
         checks={
-            "known exactly, the thrust is told within 0.5 %": max(percent[0.0][0], percent[0.0][1].max()) < 0.5,
+            "known exactly, the thrust is told within 0.5 %": (
+                max(percent[0.0][0], percent[0.0][1].max()) < 0.5
+            ),
             "the error grows with the scatter": all(
-                found[a].fitted < found[b].fitted for a, b in zip(SCATTERS, SCATTERS[1:], strict=False)
+                found[a].fitted < found[b].fitted for a, b in itertools.pairwise(SCATTERS)
             ),
         },
         beyond_source=True,
         data={f"{scatter:g}": dataclasses.asdict(one) for scatter, one in found.items()},
-        note=f"{circuits} circuits of {PULSES} pulses each; {seeds} networks. Root mean square, in percent of "
-        "nominal thrust; of wrongly judged pulses, those within the error of the limit are most.",
+        note=f"{circuits} circuits of {PULSES} pulses each; {seeds} networks. Errors are root mean squares, in "
+        "percent of nominal thrust; judged is whether the thrust is within 15 %.",
         tables=(
             Table(
                 "Median and range of the seeds",
                 ("scatter of capacitance, inductance, resistance", "error, fitted circuit", "error, networks",
                  "wrongly judged, fitted circuit", "wrongly judged, networks"),
                 tuple(
-                    (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %", f"{spread(percent[scatter][1], '.2f')} %",
-                     f"{wrong[scatter][0]:.1f} %", f"{spread(wrong[scatter][1], '.1f')} %")
+                    (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %",
+                     f"{spread(percent[scatter][1], '.2f')} %", f"{wrong[scatter][0]:.1f} %", f"{spread(wrong[scatter][1], '.1f')} %")
                     for scatter in SCATTERS
                 ),
             ),
