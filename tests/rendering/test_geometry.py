@@ -1,5 +1,6 @@
 """The geometry under the picture: rotations, solids, round numbers."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,6 +13,8 @@ from thruster_envs.rendering.model import build_model, rotation_from_quaternion
 from thruster_envs.rendering.ticks import round_limits, round_step, tick_label, tick_values
 from thruster_envs.spacecraft import load
 
+THRUSTERS = load("orion").thrusters
+SIDES = np.where(np.arange(len(THRUSTERS)) % 2 == 0, 1.0, -1.0)
 finite = st.floats(-1e6, 1e6)
 
 
@@ -28,7 +31,7 @@ def test_a_quaternion_gives_a_proper_rotation(quaternion):
     assert np.linalg.det(matrix) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", ["orion", "spheres"])
+@pytest.mark.parametrize("name", ["orion", "spheres", "msr_chaser", "ppt_cubesat"])
 def test_solids_are_convex_with_outward_normals(name):
     model = build_model(load(name))
     for solids in (model.box, model.nozzles, model.clusters):
@@ -39,7 +42,7 @@ def test_solids_are_convex_with_outward_normals(name):
                 assert heights.max() < 1e-9 * model.size
 
 
-@pytest.mark.parametrize("name", ["orion", "spheres"])
+@pytest.mark.parametrize("name", ["orion", "spheres", "msr_chaser", "ppt_cubesat"])
 def test_everything_drawn_is_within_reach_and_no_thruster_inside_the_body(name):
     spacecraft = load(name)
     model = build_model(spacecraft)
@@ -50,6 +53,21 @@ def test_everything_drawn_is_within_reach_and_no_thruster_inside_the_body(name):
     assert (np.abs(model.positions) >= half - 1e-12).any(axis=1).all()
     forces = np.array([thruster.direction for thruster in spacecraft.thrusters])
     np.testing.assert_allclose(model.plume_directions, -forces)
+
+
+def test_a_cube_with_thrusters_in_one_plane_is_drawn_as_a_cube():
+    """The body is 10 cm long on each axis, and nothing fires off the plane y = 0."""
+    box = np.abs(build_model(load("ppt_cubesat")).box.corners).max(axis=(0, 1, 2))
+    assert box.min() > 0.9 * box.max()
+    assert 0.035 < box.min() <= box.max() < 0.055
+    # A uniform box of 2 by 4 by 6: I = m (b^2 + c^2) / 3 about each axis, for its half sides 1, 2 and 3.
+    inertia = np.diag([4.0 + 9.0, 1.0 + 9.0, 1.0 + 4.0]) / 3.0
+    flat = [
+        dataclasses.replace(one, position=(x, 0.0, 3.0 * x)) for one, x in zip(THRUSTERS, SIDES, strict=True)
+    ]
+    model = build_model(load("orion").replace(mass=1.0, inertia=inertia, thrusters=flat))
+    half = np.abs(model.box.corners).max(axis=(0, 1, 2))
+    np.testing.assert_allclose(half / half[0], [1.0, 2.0, 3.0], rtol=1e-12)
 
 
 def test_thrusters_of_one_cluster_share_one_mount():

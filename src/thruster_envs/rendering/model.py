@@ -1,7 +1,8 @@
 """The solid that stands for a spacecraft: a box sized from the thruster positions, nozzles, struts.
 
 Models: the places and directions of the thrusters, true to the description; everything else is decoration
-(the descriptions hold no outline of the vehicle), so the box is a share of what the thrusters span.
+(the descriptions hold no outline of the vehicle), so the box is a share of what the thrusters span, and along
+an axis on which they do not spread as long as the inertia suggests beside the other sides.
 Leaves out: misalignment of a faulty thruster; a nozzle always points where the description says.
 
 All coordinates are in the body frame, from the centre of mass, in m.
@@ -89,7 +90,7 @@ def build_model(spacecraft: Spacecraft) -> SpacecraftModel:
     size = float(np.linalg.norm(mounted, axis=1).max(initial=0.0)) or 1.0
     outwards = ((mounted * plume_directions).sum(axis=1) >= 0.0).all()
     share = BOX_SHARE if outwards else BOX_SHARE_BETWEEN_PLUMES
-    half_extents = np.maximum(share * np.abs(mounted).max(axis=0, initial=0.0), SMALLEST_BOX * size)
+    half_extents = _body(share * np.abs(mounted).max(axis=0, initial=0.0), spacecraft, SMALLEST_BOX * size)
     pairs = list(zip(mounted, plume_directions, strict=True))
     positions = np.array([_outside(*pair, half_extents) for pair in pairs]).reshape(-1, 3)
     places = _gathered(positions, 1.5 * CLUSTER_SIZE * size)
@@ -137,6 +138,19 @@ def circle_across(direction: FloatArray, points: int) -> FloatArray:
     angles = 2.0 * np.pi * np.arange(points) / points
     circle: FloatArray = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(axis, first))
     return circle
+
+
+def _body(spread: FloatArray, spacecraft: Spacecraft, smallest: float) -> FloatArray:
+    """(3,) m, half the sides of the box: those that thrusters span, and the others in proportion.
+
+    Proportions are those of a uniform box with the inertia of the spacecraft, whose half sides a, b, c follow
+    from I_xx = m (b^2 + c^2) / 3 and its like.
+    """
+    moments = np.diag(np.array(spacecraft.inertia))
+    uniform = np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / spacecraft.mass, 0.0))
+    spanned = (spread >= smallest) & (uniform > 0.0)
+    scale = float(np.mean(spread[spanned] / uniform[spanned])) if spanned.any() else 0.0
+    return np.maximum(np.where(spread >= smallest, spread, scale * uniform), smallest)
 
 
 def _outside(position: FloatArray, direction: FloatArray, half_extents: FloatArray) -> FloatArray:

@@ -156,8 +156,8 @@ class FormationAttitude(Task):
                 raise ValueError(f"{name} is {getattr(self, name)!r}; a finite number above 0 would be right")
         if self.rate_limit < self.rate_soft_limit:
             raise ValueError(
-                f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more would "
-                "be right"
+                f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more "
+                "would be right"
             )
         for name in ("balance_price", "pulse_price"):
             if not 0.0 <= getattr(self, name) < math.inf:
