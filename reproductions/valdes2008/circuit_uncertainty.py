@@ -97,16 +97,17 @@ def uncertainty(effort: Effort) -> Finding:
         },
         beyond_source=True,
         data={f"{scatter:g}": dataclasses.asdict(one) for scatter, one in found.items()},
-        note=f"{circuits} circuits of {PULSES} pulses each; {seeds} networks. Errors are root mean squares, in "
-        "percent of nominal thrust; judged is whether the thrust is within 15 %.",
+        note=f"{circuits} circuits of {PULSES} pulses each; {seeds} networks. Errors are root mean squares, "
+        "in percent of nominal thrust; judged is whether the thrust is within 15 %.",
         tables=(
             Table(
                 "Median and range of the seeds",
                 ("scatter of capacitance, inductance, resistance", "error, fitted circuit", "error, networks",
                  "wrongly judged, fitted circuit", "wrongly judged, networks"),
-                tuple(
                     (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %",
-                     f"{spread(percent[scatter][1], '.2f')} %", f"{wrong[scatter][0]:.1f} %", f"{spread(wrong[scatter][1], '.1f')} %")
+                    (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %",
+                     f"{spread(percent[scatter][1], '.2f')} %", f"{wrong[scatter][0]:.1f} %",
+                     f"{spread(wrong[scatter][1], '.1f')} %")
                     for scatter in SCATTERS
                 ),
             ),

@@ -165,7 +165,8 @@ def _note(
         f"width; the first gives {twin[2]:.1%} of the thrust and is healthy, the second {1.15:.0%}. The "
         "motion of the craft tells them apart. What limits whatever sees the motion alone: it knows a "
         "thruster, not a pulse. And the high level adds up errors of 2,000 s, in which attitudes that it was "
-        "not trained on weigh more than faults."
+        "not trained on weigh more than faults. Whatever is compared knows the nominal circuit exactly; see "
+        "plasma-circuit-uncertainty for circuits that scatter."
     )
 
 
