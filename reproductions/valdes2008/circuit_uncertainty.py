@@ -104,7 +104,7 @@ def uncertainty(effort: Effort) -> Finding:
                 "Median and range of the seeds",
                 ("scatter of capacitance, inductance, resistance", "error, fitted circuit", "error, networks",
                  "wrongly judged, fitted circuit", "wrongly judged, networks"),
-                    (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %",
+                tuple(
                     (f"{scatter:.1%}", f"{percent[scatter][0]:.2f} %",
                      f"{spread(percent[scatter][1], '.2f')} %", f"{wrong[scatter][0]:.1f} %",
                      f"{spread(wrong[scatter][1], '.1f')} %")

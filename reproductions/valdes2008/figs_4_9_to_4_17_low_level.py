@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import FormatStrFormatter
 
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
 from reproductions.record import Effort, Finding, Reproduction, Table
@@ -233,6 +234,9 @@ def _draw_ramp(kind: str, count: int, path: Path) -> None:
             PRINTED_RAMPS[kind][1] - 0.5, color=INK, linestyle=":", label="first alarm of the source"
         )
         axis.set(xlabel="pulse", ylabel="residual over threshold", yscale="log")
+        axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
+        axis.tick_params(axis="y", which="minor", labelsize=7)
         axis.set_title(label, loc="left")
     axes[0].legend(loc="best", fontsize=8)
     save(figure, path)
