@@ -137,6 +137,23 @@ def test_a_valve_stuck_open_while_coasting_is_named_and_held_against(thruster):
     assert pilot.belief.stuck_on.nonzero()[0].tolist() == [thruster - 1]
 
 
+def test_how_far_a_stuck_valve_is_open_is_learned_as_far_as_the_pilot_doubts_it():
+    """It is named as open all the way; four fifths of that are too much to raise another alarm."""
+    fault = {"thruster": 2, "kind": "stuck_on", "onset": 400.0, "severity": 0.8}
+
+    def levels(deviation):
+        pilot = ClassicalPilot(ORION, STEPS, diagnosis=DiagnosisSettings(open_deviation=deviation))
+        fly(pilot, VALIDATION[1], 90, faults=[fault])
+        assert named(pilot) == [(2, "stuck_on")]
+        return [one.level for one in pilot.log if one.what in ("named", "refined")]
+
+    assert levels(0.0) == [1.0]
+    first, *later = levels(0.1)
+    assert first == 1.0
+    assert later == sorted(later, reverse=True)  # of a prior of 1, each measurement takes some more
+    assert later[-1] == pytest.approx(0.8, abs=0.05)
+
+
 def test_a_thruster_that_nobody_needs_is_found_dead_by_firing_it_for_a_moment():
     fault = {"thruster": 10, "kind": "stuck_off", "onset": 300.0}
     asking, waiting = (

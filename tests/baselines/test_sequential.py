@@ -133,6 +133,38 @@ def test_a_cumulative_sum_names_who_failed(make, share, thruster):
     assert detector.sums[0, :, thruster].argmax() == (make is leaks)
 
 
+def test_the_blame_goes_to_the_share_from_none_to_all_that_explains_the_most():
+    """Since each sum was last at zero, by least squares; no more than all thrust is missing or too much.
+
+    Thruster 5 is stuck wide open, of which noise makes more than all in some intervals.
+    """
+    detector = CUSUMDetector(NOMINAL, 1e-9, design_loss=0.4, design_excess=0.2, noise=NOISE)
+    since = [[[] for _ in range(12)] for _ in range(2)]
+    beyond = 0
+    for u, z in intervals(40, 8, leaks(4, 1.0)):
+        diagnosis = detector.update(u, z, 1.0)
+        e, a = whitened(u, z)
+        explained, shares = np.full((2, 12), -np.inf), np.zeros((2, 12))
+        for kind in range(2):
+            for i in range(12):
+                run = since[kind][i]
+                run.append((e, (-u[i] if kind == 0 else 1.0 - u[i]) * a[:, i]))
+                if detector.sums[0, kind, i] == 0.0:
+                    run.clear()
+                    continue
+                residual, signature = (np.concatenate(one) for one in zip(*run, strict=True))
+                free = np.dot(signature, residual) / np.dot(signature, signature)
+                beyond += free > 1.0
+                shares[kind, i] = min(free, 1.0)
+                left = residual - shares[kind, i] * signature
+                explained[kind, i] = np.dot(residual, residual) - np.dot(left, left)
+        assert diagnosis.thruster[0] == 1 + explained.max(axis=0).argmax()
+        larger = detector.sums[0].argmax(axis=0)
+        change = np.where(larger == 0, u, u - 1.0) * shares[larger, np.arange(12)]
+        np.testing.assert_allclose(diagnosis.shortfall[0], change, rtol=1e-9, atol=1e-12)
+    assert beyond > 10
+
+
 def hypotheses(u):
     """What is delivered, without coupling, under each hypothesis of the bank, in its order."""
     yield u
