@@ -321,7 +321,11 @@ def test_a_pilot_made_for_episodes_of_other_length_says_so_at_once(steps):
         (lambda: DiagnosisSettings(dead_level=0.95), "dead_level is 0.95 and healthy_level 0.93; shares"),
         (lambda: DiagnosisSettings(pointing=(0.02, -0.2)), r"pointing is \(0.02, -0.2\); two finite numbers"),
         (lambda: DiagnosisSettings(longest_gap=0), "longest_gap is 0; one or more would be right"),
-        (lambda: ClassicalPilot(ORION, 0), "steps is 0; one or more would be right"),
+        (lambda: ClassicalPilot(ORION, 0), "steps is 0; a whole number from 1 up would be right"),
+        (lambda: ClassicalPilot(ORION, 2.5), "steps is 2.5; a whole number from 1 up would be right"),
+        (lambda: ClassicalPilot(ORION, True), "steps is True; a whole number"),
+        (lambda: ClassicalPilot(ORION, 9, compensation="II"), "compensation is 'II'; the class ExactComp"),
+        (lambda: ClassicalPilot(ORION, 9, compensation=object), "compensation is <class 'object'>; the"),
         (lambda: ClassicalPilot(ORION, STEPS)(np.zeros(3)), r"observation has the shape \(3,\); \(37,\)"),
     ],
 )  # fmt: skip

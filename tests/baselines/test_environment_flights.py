@@ -109,6 +109,7 @@ def test_a_policy_may_fly_and_a_lost_flight_measures_nothing_any_more():
         ({"arguments": {"faults": []}}, "arguments has 'faults'; the field `faults`"),
         ({"environment": "thruster_envs/OrionRendezvous-v0"}, "periods is None"),
         ({"environment": "thruster_envs/OrionRendezvous-v0", "periods": 3}, "does not fly by itself"),
+        ({"environment": "CartPole-v1"}, "environment is 'CartPole-v1', which takes no faults; one of this"),
         ({"environment": "thruster_envs/FormationKeeping-v0", "periods": 3}, "craft; an environment of one"),
     ],
 )

@@ -22,7 +22,8 @@ Beyond the source, because attitude is flown here:
 - A thruster that has not fired for long is fired for a moment, together with those that cancel it.
 - A fault begins anywhere in a period, so that the first interval shows only part of it. What is believed of a
   named thruster is a share of its thrust with a variance, which later firings correct.
-- A valve that is stuck open cannot be shut off: the others hold against it (`FaultAllocation`).
+- A valve that is stuck open is not shut off, since Orion has no isolation valves: the others hold against it
+  (`FaultAllocation`), also on a spacecraft that has some.
 - One that is named and turns out to do what it is told is trusted again. One that is believed dead is never
   fired, so nothing is learned of it any more.
 
@@ -224,7 +225,8 @@ class ClassicalPilot:
         refused: How many measurements could not be used.
 
     Raises:
-        ValueError: Steps that cannot be, or that are not those of the episode that is flown.
+        ValueError: Steps that cannot be, or that are not those of the episode that is flown; a compensation
+            that is neither of the two classes.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

@@ -1,14 +1,16 @@
 """On-times for thrusters of which some are weak, dead, or fire whatever they are told.
 
 What is believed of the thrusters is one share and one flag for each (`ThrusterBelief`). A weak one simply has
-less effectiveness, a dead one none. A valve that is stuck open cannot be closed, since the feed has no
-isolation valves: its thrust a_i e_i is there in every period, and the others have to solve
+less effectiveness, a dead one none. A valve that is stuck open is not closed, since Orion has no second valve
+before each thruster: its thrust a_i e_i is there in every period, and the others have to solve
 A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section 5.3.1, which assumes that it can be
 shut off). It also takes its part of the feed, so that every other thruster is one of at least two, and how
 much it delivers itself depends on how long the others are open: a fixed point, found in a few linear
 programs.
 
-Left out: a valve stuck half open loads the feed here as a fully open one does.
+Left out: closing `Spacecraft.isolation_valves` where there are some; whoever does, as the action of
+`MarsRendezvous-v0` with `inhibit=True` can, believes that thruster dead (share 0, not stuck on) from then on.
+A valve stuck half open loads the feed here as a fully open one does.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from thruster_baselines.mapping import (
     LPMapper,
     delivered_on_times,
 )
+from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -62,10 +65,16 @@ class ThrusterBelief:
 class FaultAllocation:
     """Maps commanded rate changes to on-times as far as faulty thrusters allow, feed coupling included.
 
+    What a valve that is stuck open gives is cancelled by the others, also where an isolation valve could end
+    it.
+
     Args:
         spacecraft: Nominal.
         compensation: The mapper that makes up for the coupling loss: exactly, or by method II.
         rotation_priority: How much dearer a missed rotation is than in the mapper's own objective.
+
+    Raises:
+        ValueError: A compensation that is neither of the two classes.
 
     >>> allocation = FaultAllocation("orion")
     >>> stuck = ThrusterBelief.healthy(12).changed(1, share=1.0, stuck_on=True)
@@ -81,6 +90,12 @@ class FaultAllocation:
         | type[AdditiveCompensationMapper] = ExactCompensationMapper,
         rotation_priority: float = 1.0,
     ) -> None:
+        require(
+            compensation in (ExactCompensationMapper, AdditiveCompensationMapper),
+            "compensation",
+            compensation,
+            "the class ExactCompensationMapper or AdditiveCompensationMapper",
+        )
         if isinstance(spacecraft, str):
             from thruster_envs.spacecraft import load
 

@@ -17,6 +17,7 @@ truly is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,7 @@ from thruster_baselines.control.quaternions import rotation_matrix
 from thruster_baselines.guidance.rendezvous import RendezvousPlan, RendezvousPlanner
 from thruster_baselines.mapping import LPMapper
 from thruster_baselines.mapping.coupling import commanded_on_times
+from thruster_envs.configuration import require
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -109,8 +111,9 @@ class RendezvousController:
         effectiveness: ArrayLike | None = None,
         settings: RendezvousSettings | None = None,
     ) -> None:
-        if steps < 1:
-            raise ValueError(f"steps is {steps}; one or more would be right")
+        given: Any = steps
+        whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+        require(whole and steps >= 1, "steps", given, "a whole number from 1 up")
         self.settings = settings = RendezvousSettings() if settings is None else settings
         self._period = spacecraft.control_period
         self._coupling = spacecraft.feed.coupling

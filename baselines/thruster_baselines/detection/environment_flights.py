@@ -142,8 +142,9 @@ class EnvironmentFlights:
         """One flight for each seed.
 
         Raises:
-            ValueError: An environment that has several craft, that has no end where `periods` is not given,
-                that does not fly by itself where there is no policy, or that does not show what was fired.
+            ValueError: An environment that takes no faults, that has several craft, that has no end where
+                `periods` is not given, that does not fly by itself where there is no policy, or that does not
+                show what was fired.
         """
         parts = [
             self._fly(seeds[first : first + self.worlds], faulty)
@@ -162,11 +163,19 @@ class EnvironmentFlights:
 
     def _fly(self, seeds: Sequence[int], faulty: bool) -> Flights:
         """One flight for each seed, side by side."""
-        env = gym.make_vec(
-            self.environment, num_envs=len(seeds), vectorization_mode="vector_entry_point",
-            autoreset_mode=gym.vector.AutoresetMode.DISABLED,
-            faults=one_fault_each(self.faults) if faulty else [], **self.arguments,
-        )  # fmt: skip
+        try:
+            env = gym.make_vec(
+                self.environment, num_envs=len(seeds), vectorization_mode="vector_entry_point",
+                autoreset_mode=gym.vector.AutoresetMode.DISABLED,
+                faults=one_fault_each(self.faults) if faulty else [], **self.arguments,
+            )  # fmt: skip
+        except TypeError as error:
+            if not any(f"'{own}'" in str(error) for own in ("autoreset_mode", "faults")):
+                raise
+            raise ValueError(
+                f"environment is {self.environment!r}, which takes no faults; one of this suite would be "
+                "right"
+            ) from None
         task: Any = env.unwrapped.task  # type: ignore[attr-defined]
         if task.number_of_craft > 1:
             raise ValueError(
