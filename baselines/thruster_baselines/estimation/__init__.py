@@ -1,6 +1,6 @@
 """Estimation: what the thrusters truly do, from what was commanded and what was measured."""
 
-from thruster_baselines.estimation.calibration_sweep import Calibration, CalibrationSweep
+from thruster_baselines.estimation.calibration_sweep import CalibrationSweep, SweepEstimate
 from thruster_baselines.estimation.effectiveness import EffectivenessFilter, Innovation
 from thruster_baselines.estimation.measurement_gate import MeasuredInterval, MeasurementGate
 from thruster_baselines.estimation.noise import PhysicalNoise
@@ -9,12 +9,12 @@ from thruster_baselines.estimation.refusals import REFUSALS
 
 __all__ = [
     "REFUSALS",
-    "Calibration",
     "CalibrationSweep",
     "EffectivenessFilter",
     "Innovation",
     "MeasuredInterval",
     "MeasurementGate",
     "PhysicalNoise",
+    "SweepEstimate",
     "thrust_rate_change",
 ]

@@ -31,13 +31,13 @@ from thruster_baselines.estimation.noise import PhysicalNoise
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["Calibration", "CalibrationSweep"]
+__all__ = ["CalibrationSweep", "SweepEstimate"]
 
 _REWEIGHTINGS = 2  # the scatter's covariance needs the columns that are sought
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class SweepEstimate:
     """What a sweep says of the thrusters.
 
     Attributes:
@@ -78,8 +78,8 @@ class CalibrationSweep:
     >>> sweep.on_times.shape, sorted(sweep.order.tolist()) == list(range(1, 13))
     ((12, 12), True)
     >>> true = 1.02 * load("orion").effectiveness()
-    >>> calibration = sweep.estimate(sweep.on_times @ true.T)
-    >>> bool(abs(calibration.effectiveness - true).max() < 1e-12)
+    >>> estimate = sweep.estimate(sweep.on_times @ true.T)
+    >>> bool(abs(estimate.effectiveness - true).max() < 1e-12)
     True
     """
 
@@ -99,7 +99,7 @@ class CalibrationSweep:
         self.on_times: FloatArray = np.zeros((self.order.size, self._believed.shape[1]))
         self.on_times[np.arange(self.order.size), self.order - 1] = pulse
 
-    def estimate(self, rate_changes: ArrayLike) -> Calibration:
+    def estimate(self, rate_changes: ArrayLike) -> SweepEstimate:
         """The effectiveness that fits the measured rate changes best.
 
         Args:
@@ -133,7 +133,7 @@ class CalibrationSweep:
         blocks = covariance.reshape(n, m, n, m)[np.arange(n), :, np.arange(n)]
         off = columns.reshape(n, m) - self._believed.T
         statistic = np.einsum("nk,nk->n", off, np.linalg.solve(blocks, off[..., np.newaxis])[..., 0])
-        return Calibration(columns.reshape(n, m).T.copy(), covariance, statistic)
+        return SweepEstimate(columns.reshape(n, m).T.copy(), covariance, statistic)
 
     def _errors(self, columns: FloatArray) -> FloatArray:
         """(firings m, firings m): covariance of all rate changes if the thrusters are (n, m)."""
