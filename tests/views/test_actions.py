@@ -21,10 +21,19 @@ from thruster_baselines.mapping import (
 )
 from thruster_envs.spacecraft import load
 from thruster_envs.testing import check_vector_env
-from thruster_envs.views import BeliefAction, MapperAction, SB3VecEnv, VectorBeliefAction, VectorMapperAction
+from thruster_envs.views import (
+    BeliefAction,
+    HoldAction,
+    MapperAction,
+    SB3VecEnv,
+    VectorBeliefAction,
+    VectorHoldAction,
+    VectorMapperAction,
+)
 
 MAPPING = "thruster_envs/ThrusterMapping-v0"
 RENDEZVOUS = "thruster_envs/OrionRendezvous-v0"
+FORMATION = "thruster_envs/FormationAttitude-v0"
 SPHERES = load("spheres")
 
 
@@ -368,3 +377,121 @@ def test_a_memory_for_other_worlds_is_refused(mapper):
     *_, info = one.step(small_shares())
     assert info["remainder"].shape == (6,)
     assert info["remainder"].any()
+
+
+# Actions that are held
+
+
+@pytest.mark.parametrize(
+    ("identifier", "options"),
+    [
+        (MAPPING, {"faults": FAULTS, "max_episode_steps": 10}),
+        (FORMATION, {"max_episode_steps": 30, "rate_soft_limit": 1e-4, "rate_limit": 3e-4}),
+        (FORMATION, {"max_episode_steps": 21, "action": "duties", "retarget_interval": 5}),
+    ],
+)
+def test_held_too_the_vector_form_is_the_single_form(identifier, options):
+    """Four periods a step; time limits and spinning craft end episodes within a hold."""
+
+    def vector(num_envs, autoreset_mode):
+        beneath = gym.make_vec(identifier, num_envs=num_envs, autoreset_mode=autoreset_mode, **options)
+        return VectorHoldAction(beneath, 4)
+
+    assert not check_vector_env(
+        vector, lambda: HoldAction(gym.make(identifier, **options), 4), steps=30
+    ).failures
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_a_held_action_gives_the_sum_of_its_periods_until_the_episode_ends(mode):
+    """Worlds that spin too fast end in some period of the hold; each then says what it said there."""
+    worlds, periods = 6, 5
+    options = {"rate_soft_limit": 1e-5, "rate_limit": 2.5e-4}
+    held = VectorHoldAction(gym.make_vec(FORMATION, num_envs=worlds, autoreset_mode=mode, **options), periods)
+    alone = [gym.make(FORMATION, **options) for _ in range(worlds)]
+    held.reset(seed=3)
+    for world, env in enumerate(alone):
+        env.reset(seed=3 + world)
+    rng = np.random.default_rng(0)
+    over, ended, early = np.zeros(worlds, np.bool_), 0, 0
+    for _ in range(40):
+        if mode == AutoresetMode.DISABLED and over.any():
+            held.reset(options={"reset_mask": over.copy()})
+            for world in np.flatnonzero(over):
+                alone[world].reset()
+            over[:] = False
+        actions = rng.integers(0, 3, (worlds, 3))
+        observations, rewards, terminated, _, infos = held.step(actions)
+        for world, env in enumerate(alone):
+            if over[world]:  # NEXT_STEP: the action does not count
+                observation, _ = env.reset()
+                assert np.array_equal(observations[world], observation)
+                assert rewards[world] == infos["cost"][world] == 0.0
+                assert not terminated[world]
+                continue
+            total, cost = 0.0, 0.0
+            for period in range(periods):
+                observation, reward, end, _, info = env.step(actions[world])
+                total, cost = total + reward, cost + info["cost"]
+                if end:
+                    ended, early = ended + 1, early + (period < periods - 1)
+                    break
+            same = mode == AutoresetMode.SAME_STEP and end
+            told, seen = (infos["final_info"], infos["final_obs"]) if same else (infos, observations)
+            assert terminated[world] == end
+            assert rewards[world] == pytest.approx(total, rel=1e-12)
+            assert np.array_equal(seen[world], observation)
+            assert told["cost"][world] == pytest.approx(cost, rel=1e-12)
+            terms = sum(told["reward_terms"][name][world] for name in info["reward_terms"])
+            assert terms == pytest.approx(total, rel=1e-12)
+            assert told["fuel"][world] == info["fuel"]
+            assert told["attitude"]["error"][world] == info["attitude"]["error"]
+            if same:
+                first, _ = env.reset()
+                assert np.array_equal(observations[world], first)
+        over = terminated & (mode != AutoresetMode.SAME_STEP)
+    assert early > 5
+    assert ended > early
+
+
+def test_held_actions_move_a_craft_where_actions_drawn_anew_cancel():
+    """The reason to hold: a random walk of pulses gets as far as the square root of the hold."""
+    turned = []
+    for periods in (1, 10):
+        env = VectorHoldAction(gym.make_vec(FORMATION, num_envs=64, faults=[]), periods)
+        env.reset(seed=1)
+        rng = np.random.default_rng(2)
+        for _ in range(200 // periods):
+            observations, *_ = env.step(rng.integers(0, 3, (64, 3)))
+        turned.append(np.sqrt(np.square(observations[:, 7:10]).mean()))
+    assert turned[1] / turned[0] == pytest.approx(np.sqrt(10.0), rel=0.25)
+
+
+@pytest.mark.filterwarnings("ignore:.*has a wrapper applied:UserWarning")  # the wrapper is what is checked
+def test_held_environments_pass_the_checkers_go_into_stable_baselines_and_under_a_mapper(mapper):
+    check_env(HoldAction(gym.make(FORMATION), 10), skip_render_check=True)
+    check_env_for_sb3(HoldAction(gym.make(FORMATION), 10))
+    rows = SB3VecEnv(VectorHoldAction(gym.make_vec(FORMATION, num_envs=3, max_episode_steps=25), 10))
+    rows.reset()
+    for _ in range(3):
+        _, _, done, infos = rows.step(np.zeros((3, 3), np.int64))
+    assert done.all()
+    assert all(info["TimeLimit.truncated"] for info in infos)
+    single = MapperAction(HoldAction(gym.make(RENDEZVOUS), 2), mapper)
+    many = VectorMapperAction(VectorHoldAction(gym.make_vec(RENDEZVOUS, num_envs=2), 2), mapper)
+    single.reset(seed=4)
+    many.reset(seed=4)
+    action = np.full(6, 0.1, np.float32)
+    np.testing.assert_array_equal(single.step(action)[0], many.step(np.stack([action, action]))[0][0])
+
+
+def test_what_cannot_be_held_is_refused_in_one_line(mapper):
+    with pytest.raises(TypeError, match="CartPoleEnv has no control periods"):
+        HoldAction(gym.make("CartPole-v1"), 2)
+    with pytest.raises(TypeError, match="env is a VectorMapperAction; a vector environment"):
+        VectorHoldAction(VectorMapperAction(gym.make_vec(RENDEZVOUS, num_envs=2), mapper), 2)
+    for periods in (0, 2.5, True):
+        with pytest.raises(ValueError, match=f"periods is {periods}; a whole number from 1"):
+            HoldAction(gym.make(FORMATION), periods)
+        with pytest.raises(ValueError, match=f"periods is {periods}; a whole number from 1"):
+            VectorHoldAction(gym.make_vec(FORMATION, num_envs=2), periods)

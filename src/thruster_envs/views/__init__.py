@@ -5,7 +5,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from thruster_envs.views.actions import BeliefAction, MapperAction, VectorBeliefAction, VectorMapperAction
+from thruster_envs.views.actions import (
+    BeliefAction,
+    HoldAction,
+    MapperAction,
+    VectorBeliefAction,
+    VectorHoldAction,
+    VectorMapperAction,
+)
 
 #: Names that need an extra, and the module that has them; loaded on first use.
 _LAZY = {
@@ -19,10 +26,12 @@ __all__ = [
     "BeliefAction",
     "FormationAttitudeParallelEnv",
     "FormationParallelEnv",
+    "HoldAction",
     "MapperAction",
     "SB3VecEnv",
     "SharedPolicyVecEnv",
     "VectorBeliefAction",
+    "VectorHoldAction",
     "VectorMapperAction",
 ]
 

@@ -1,10 +1,10 @@
-"""A mapper between policy and thrusters: the action is a rate change, or a belief of thruster health.
+"""What stands between policy and thrusters: a mapper, or a hand that holds each action for a while.
 
 ``MapperAction`` turns a commanded body rate change into duties by any
 :class:`~thruster_envs.protocols.Mapper`. ``BeliefAction`` lets the policy say how healthy it believes each
 thruster to be; the mapper then allocates the task's own command with that belief, so that the policy learns
-to diagnose. Neither sees the truth. Each has a form for the single environment and one for the batch, which
-do the same arithmetic.
+to diagnose. Neither sees the truth. ``HoldAction`` lets several control periods pass under each action. Each
+has a form for the single environment and one for the batch, which do the same arithmetic.
 
 A mapper may remember what it still owes from earlier commands
 (:class:`~thruster_envs.protocols.MapperWithMemory`). ``MapperAction`` shows that in ``info["remainder"]``,
@@ -24,6 +24,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from thruster_envs.protocols import Mapper, MapperWithMemory
+from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.single import TaskEnv
 from thruster_envs.views.vector import TaskVectorEnv
@@ -32,6 +33,9 @@ Array = NDArray[np.float64]
 
 _ROUND_OFF = 4.0 * np.finfo(np.float64).eps
 """More than what the way from an on-time to an action and back can take from a duty."""
+
+_LONGEST_HOLD = 2**31
+"""Control periods; only a slip of the pen reaches it."""
 
 _MEMORY = "mapper/"
 """What the names of a mapper's memory begin with in a saved state."""
@@ -327,6 +331,78 @@ class VectorBeliefAction(VectorWrapper):
             if self._observe
             else observations
         )
+
+
+class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Each action is held for some control periods, or until the episode ends.
+
+    The reward is the sum over these periods, and so are ``info["reward_terms"]`` and ``info["cost"]``; the
+    observation and all other information are those of the last one. Time limits still count control periods.
+    Where one pulse does little and actions drawn anew cancel each other, as in ``FormationAttitude-v0``,
+    exploring needs this.
+
+    Args:
+        env: Any single environment of this suite, or a mapper around it.
+        periods: For how many control periods each action is held.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], periods: int) -> None:
+        RecordConstructorArgs.__init__(self, periods=periods)
+        gym.Wrapper.__init__(self, env)
+        if not isinstance(env.unwrapped, TaskEnv):
+            raise TypeError(
+                f"{type(env.unwrapped).__name__} has no control periods to hold an action for; "
+                "an environment of thruster_envs would be right"
+            )
+        check_whole("periods", periods, 1, _LONGEST_HOLD)
+        self.periods = periods
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Let so many control periods pass under ``action``."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        for _ in range(self.periods - 1):
+            if terminated or truncated:
+                break
+            so_far, terms, cost = reward, info["reward_terms"], info["cost"]
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            reward = float(so_far) + float(reward)
+            info["reward_terms"] = {name: terms[name] + term for name, term in info["reward_terms"].items()}
+            info["cost"] = cost + info["cost"]
+        return observation, reward, terminated, truncated, info
+
+
+class VectorHoldAction(VectorWrapper):
+    """:class:`HoldAction` for a native vector environment, in any autoreset mode.
+
+    A world whose episode ends within the hold waits for the others. In the mode ``DISABLED`` it goes on past
+    its end meanwhile, unseen.
+
+    Args:
+        env: A vector environment of this suite, without other wrappers; a mapper goes around this one.
+        periods: For how many control periods each action is held.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], periods: int) -> None:
+        if not isinstance(env, TaskVectorEnv):
+            raise TypeError(
+                f"env is a {type(env).__name__}; a vector environment of thruster_envs, without a wrapper, "
+                "would be right"
+            )
+        super().__init__(env)
+        check_whole("periods", periods, 1, _LONGEST_HOLD)
+        self.periods = periods
+
+    def step(self, actions: Any) -> Any:
+        """Let so many control periods pass in every world."""
+        return _batch(self).step_held(actions, self.periods)
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later steps depend on, as copies by name."""
+        return _batch(self).save_state()
+
+    def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
+        _batch(self).restore_state(saved)
 
 
 def _batch(wrapper: VectorWrapper) -> TaskVectorEnv:

@@ -541,7 +541,8 @@ class FormationAttitudeEnv(TaskEnv):
 
     An episode is as long as the missions of the source. For learning, `max_episode_steps=1200` keeps what
     matters, the turn and its settling, at less than half of the steps. One pulse hardly moves a craft, and
-    pulses drawn anew in every period cancel: to explore, hold each action for some ten periods.
+    pulses drawn anew in every period cancel: to explore, hold each action for some ten periods with
+    `thruster_envs.views.HoldAction(env, 10)`, or `VectorHoldAction` for many worlds.
 
     ## Action Space
 

@@ -18,6 +18,8 @@ from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds, checked_seed
 
 Observations = NDArray[np.float32]
+_End = tuple[NDArray[np.bool_], dict[str, Any]]
+"""Worlds whose episode ended, and what ``info`` was then."""
 _ARGUMENTS = ("num_envs", "max_episode_steps", "render_mode", "autoreset_mode", "threads")
 
 
@@ -145,40 +147,74 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         self, actions: Any
     ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Let one control period pass in every world."""
+        return self.step_held(actions, 1)
+
+    def step_held(
+        self, actions: Any, periods: int
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Let some control periods pass in every world under one action; an episode's end ends its own hold.
+
+        Rewards, their terms and costs are summed; all else is what was last. In the mode ``DISABLED`` a world
+        whose episode ends early goes on past its end for the rest of the hold, unseen.
+        """
         if not self.worlds.seeded:
             raise ValueError("the environment has not been reset; call reset() before step()")
         chosen = np.asarray(actions, dtype=np.float64)[:, np.newaxis]
         everyone = np.ones(self.num_envs, np.bool_)
+        step, ends = self._hold(chosen, periods)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            return self._step_then_reset(self.worlds.step(chosen), everyone)
-        begins = self._over
-        step = self.worlds.step(chosen, begins=begins)
-        self._film(begins)
+            return self._reset_after(step, ends, everyone)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._over = step.done
-        infos = _with_masks(self._infos(step), everyone)
+        infos = _with_masks(_at_ends(self._infos(step), ends), everyone)
         return step.observations[:, 0], step.rewards[:, 0], step.terminated, step.truncated, infos
 
-    def _step_then_reset(
-        self, step: Step, everyone: NDArray[np.bool_]
+    def _hold(self, chosen: NDArray[np.float64], periods: int) -> tuple[Step, list[_End]]:
+        """The sum of some periods, and what ``info`` was where an episode ended before the last of them.
+
+        A world that is over flies on, and nobody looks; one that is to begin does so in the last period.
+        """
+        ends: list[_End] = []
+        resets_itself = self.autoreset_mode == AutoresetMode.SAME_STEP
+        begins = np.zeros(self.num_envs, np.bool_) if resets_itself else self._over
+        running = ~begins
+        total = self.worlds.step(chosen, begins=begins if periods == 1 else None)
+        seen = running if periods > 1 else np.ones_like(begins)
+        if not seen.all():
+            for nothing_yet in (total.rewards, total.reward_terms, total.cost):
+                nothing_yet[~seen] = 0.0
+        for left in reversed(range(periods)):
+            if left < periods - 1:
+                seen = running if left else running | begins
+                total = _added(total, self.worlds.step(chosen, begins=None if left else begins), seen)
+            if left or not resets_itself:
+                self._film(begins, seen)
+            over = running & total.done
+            if left and over.any():
+                ends.append((over, self._infos(total)))
+            running = running & ~over
+        return total, ends
+
+    def _reset_after(
+        self, step: Step, ends: list[_End], everyone: NDArray[np.bool_]
     ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         done, observations, last = step.done, step.observations[:, 0], {}
         if done.any():
             last = {
                 "final_obs": np.where(done[:, np.newaxis], observations, np.float32(0.0)),
                 "_final_obs": done.copy(),
-                "final_info": _with_masks(_only(self._infos(step), done), done),
+                "final_info": _with_masks(_only(_at_ends(self._infos(step), ends), done), done),
                 "_final_info": done.copy(),
             }
             self.worlds.reset(np.flatnonzero(done))
             observations = self.worlds.observe()[:, 0]
             step.reward_terms[done], step.cost[done] = 0.0, 0.0
-        self._film(done)
+        self._film(done, everyone)
         infos = _with_masks(self._infos(step), everyone) | last
         return observations, step.rewards[:, 0], step.terminated, step.truncated, infos
 
-    def _film(self, begins: NDArray[np.bool_]) -> None:
-        for camera in self._cameras:
+    def _film(self, begins: NDArray[np.bool_], which: NDArray[np.bool_]) -> None:
+        for camera in (one for one in self._cameras if which[one.world]):
             camera.watch(begins=bool(begins[camera.world]), mode=self.render_mode)
 
     def _infos(self, step: Step | None) -> dict[str, Any]:
@@ -211,6 +247,37 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
         self.worlds.restore(saved)
         self._over = saved["over"].copy()
+
+
+def _added(total: Step, step: Step, seen: NDArray[np.bool_]) -> Step:
+    """The sum of what steps gave, and what was last, with one more step of the worlds that are seen."""
+    rows = seen[:, np.newaxis]
+    return Step(
+        np.where(rows[..., np.newaxis], step.observations, total.observations),
+        np.where(rows, total.rewards + step.rewards, total.rewards),
+        np.where(rows[..., np.newaxis], total.reward_terms + step.reward_terms, total.reward_terms),
+        np.where(rows, total.cost + step.cost, total.cost),
+        np.where(seen, step.terminated, total.terminated),
+        np.where(seen, step.truncated, total.truncated),
+    )
+
+
+def _at_ends(info: dict[str, Any], ends: list[_End]) -> dict[str, Any]:
+    """What ``info`` says now, and of each world whose episode has ended what it said then."""
+    for over, then in ends:
+        info = _merged(over, then, info)
+    return info
+
+
+def _merged(mask: NDArray[np.bool_], first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    """The one where the mask is True, the other where it is False."""
+    result: dict[str, Any] = {}
+    for key, value in second.items():
+        if isinstance(value, dict):
+            result[key] = _merged(mask, first[key], value)
+        else:
+            result[key] = np.where(mask.reshape((-1,) + (1,) * (value.ndim - 1)), first[key], value)
+    return result
 
 
 def _first_agent(info: dict[str, Any]) -> dict[str, Any]:
