@@ -12,6 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator
 from scipy.stats import chi2
 
 from reproductions.figures import BLUE, INK, panels, save
@@ -181,6 +182,8 @@ def _draw(path: Path, deviations: list[tuple[float, int, float, float]]) -> None
             xscale="log", yscale="log", xlabel="firings of each thruster", ylabel=f"one sigma of {label}"
         )
         panel.set_xticks(REPETITIONS, [f"{count}" for count in REPETITIONS])
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+        panel.yaxis.set_major_formatter("{x:g}")
         panel.minorticks_off()
     left.legend(title="pulse", labelcolor=INK)
     save(figure, path)
