@@ -1,6 +1,7 @@
 """Control: closed loops from measurements to thruster duties, with or without a diagnosis of thrusters."""
 
 from thruster_baselines.control.approach import ApproachController, ApproachSettings
+from thruster_baselines.control.chaser_pilot import ChaserDecision, ChaserPilot, RecoverySettings
 from thruster_baselines.control.classical_pilot import (
     ClassicalPilot,
     Decision,
@@ -17,6 +18,8 @@ from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy
 __all__ = [
     "ApproachController",
     "ApproachSettings",
+    "ChaserDecision",
+    "ChaserPilot",
     "ClassicalPilot",
     "Decision",
     "DiagnosisSettings",
@@ -24,6 +27,7 @@ __all__ = [
     "Measured",
     "ObservationReader",
     "QuaternionTeam",
+    "RecoverySettings",
     "RelativeNavigation",
     "RendezvousCommandPolicy",
     "RendezvousController",

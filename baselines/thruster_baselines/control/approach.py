@@ -88,17 +88,25 @@ class ApproachController:
         shift = np.maximum(self.settings.idle, -rates.min(axis=-1, keepdims=True))
         return np.asarray(np.clip(rates + shift, 0.0, 1.0))
 
-    def wrench(self, observation: ArrayLike) -> FloatArray:
-        """(..., 6) force and torque to ask for, N and N m, body axes."""
+    def wrench(
+        self, observation: ArrayLike, reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
+        """(..., 6) force and torque to ask for, N and N m, body axes.
+
+        Args:
+            observation: (..., m).
+            reference: Along-track position, velocity and acceleration (rows,) to follow, m, m/s, m/s^2; by
+                default those of the approach at the time of the observation.
+        """
         seen = np.asarray(observation, np.float64)
         rows = seen.reshape(-1, seen.shape[-1])
         law, n = self.settings, self.spacecraft.mean_motion
         period, a, z = self.spacecraft.control_period, law.translation, law.rotation
-        near = np.abs(rows[:, 3:6]) < _BOUND
-        position = np.where(near, _NEAR * rows[:, 3:6], self.distance * rows[:, :3])
-        velocity = _VELOCITY * rows[:, 6:9]
-        elapsed = np.round((1.0 - rows[:, _TIME]) * self.steps)
-        along, speed, acceleration = self.reference(period * np.maximum(elapsed - self.navigation_delay, 0.0))
+        position, velocity = self.position(rows), _VELOCITY * rows[:, 6:9]
+        if reference is None:
+            age = self.navigation_delay
+            reference = self.reference(period * np.maximum(self.elapsed(rows) - age, 0.0))
+        along, speed, acceleration = reference
         wanted = -a * a * position - 2.0 * law.damping * a * velocity
         wanted[:, 1] += a * a * along + 2.0 * law.damping * a * speed + acceleration
         wanted[:, 0] -= 2.0 * n * velocity[:, 1] + 3.0 * n * n * position[:, 0]
@@ -113,6 +121,15 @@ class ApproachController:
             result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (_AXES @ wanted[row]))
         result[:, 3:] = -(z * z * angle + 2.0 * law.damping * z * spin) @ self._inertia
         return result.reshape(*seen.shape[:-1], 6)
+
+    def position(self, rows: FloatArray) -> FloatArray:
+        """(rows, 3) measured relative position, m, LVLH, of observations (rows, m)."""
+        near = np.abs(rows[:, 3:6]) < _BOUND
+        return np.where(near, _NEAR * rows[:, 3:6], self.distance * rows[:, :3])
+
+    def elapsed(self, rows: FloatArray) -> FloatArray:
+        """(rows,) control periods since the start of the episode, of observations (rows, m)."""
+        return np.asarray(np.round((1.0 - rows[:, _TIME]) * self.steps), np.float64)
 
     def reference(self, time: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Along-track position, velocity and acceleration of the reference at times (...), m, m/s, m/s^2."""

@@ -132,6 +132,8 @@ class FusionDetector(BaseNavigationDetector):
 
     Attributes:
         share: (vehicles, n), the best a of each thruster in the last sample.
+        first_velocity: (vehicles, 3), m/s, LVLH, with which the observer begins; zero unless it is set before
+            the first sample. Where it is right, the filter has no swing to settle from.
 
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
@@ -187,6 +189,7 @@ class FusionDetector(BaseNavigationDetector):
         n = self._n
         self._states: FloatArray = np.zeros((vehicles, _STATES))
         self._begun: BoolArray = np.zeros(vehicles, np.bool_)
+        self.first_velocity: FloatArray = np.zeros((vehicles, 3))
         self._scales: IntArray = np.array(_SCALES)
         self._sums: FloatArray = np.zeros((vehicles, 2 * len(_SCALES), _SUM))
         self._ahead: IntArray = np.zeros((vehicles, 2), np.int64)  # thruster, how often in a row
@@ -248,8 +251,8 @@ class FusionDetector(BaseNavigationDetector):
             _watch, sample.open_rates, sample.position, sample.attitude, sample.rate, sample.valid,
             self.use_rate and sample.rate is not self._no_rate, self._attitude, self.samples, self._period,
             self.settle, self.threshold, self.margin, self.confirmations, self.lag, self.effectiveness,
-            self._motion, self._spin, self._gains, self._noise, self._states, self._begun, self._scales,
-            self._sums, self._commands, self._newest, self._rates, self._seen, self._ahead, self.refused,
+            self._motion, self._spin, self._gains, self._noise, self._states, self._begun,
+            self.first_velocity, self._scales, self._sums, self._commands, self._newest, self._rates, self._seen, self._ahead, self.refused,
             self.detected, self.thruster, self.detection_time, self.isolation_time, self.share, suspicion,
             statistic,
         )  # fmt: skip
@@ -285,8 +288,8 @@ def _steady_gains(
 @njit(error_model="numpy", cache=True, nogil=True)
 def _watch(  # type: ignore[no-untyped-def]
     open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
-    margin, confirmations, lag, effectiveness, motion, spin, gains, noise, states, begun, scales, sums,
-    commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time, isolation_time, share,
+    margin, confirmations, lag, effectiveness, motion, spin, gains, noise, states, begun, first_velocity,
+    scales, sums, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time, isolation_time, share,
     suspicion, statistic, first, last,
 ):  # fmt: skip
     n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
@@ -321,6 +324,7 @@ def _watch(  # type: ignore[no-untyped-def]
                     x[j] = 0.0
                 for j in range(3):
                     x[j] = position[v, j]
+                    x[3 + j] = first_velocity[v, j]
                     x[6 + j] = rate[v, j] if turning else 0.0
             continue
         # what the thrust of the last period should have done
