@@ -15,8 +15,8 @@ what is wrong with it. Then:
   leave its corridor, or when it is not within the tolerances of capture just before the target. It then flies
   back along-track, away from the target, until it is out of reach.
 
-The source (Fonod et al. 2013) closes the valve in time and says nothing of what comes after; rules and numbers
-are ours. Left out: faults of both branches, a second approach after a retreat, two faults at once.
+The source (Fonod et al. 2013) names the thruster and says nothing of what comes after; rules and numbers
+are ours. Left out: faults of branch B, a second approach after a retreat, two faults at once.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ class ChaserPilot:
         self._trust(mask)
 
     def tell(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
-        """Hear the truth about a thruster, from 1, as somebody who knows says it; recovery follows at once."""
+        """Hear the truth about a thruster, from 1, of somebody who knows it; recovery follows at once."""
         self._note(vehicle, "told", thruster, kind, severity)
         self._recover(vehicle, thruster, kind, severity)
 

@@ -252,9 +252,8 @@ class FusionDetector(BaseNavigationDetector):
             self.use_rate and sample.rate is not self._no_rate, self._attitude, self.samples, self._period,
             self.settle, self.threshold, self.margin, self.confirmations, self.lag, self.effectiveness,
             self._motion, self._spin, self._gains, self._noise, self._states, self._begun,
-            self.first_velocity, self._scales, self._sums, self._commands, self._newest, self._rates, self._seen, self._ahead, self.refused,
-            self.detected, self.thruster, self.detection_time, self.isolation_time, self.share, suspicion,
-            statistic,
+            self.first_velocity, self._scales, self._sums, self._commands, self._newest, self._rates,
+            self._seen, self._ahead, self.refused, self.detected, self.thruster, self.detection_time, self.isolation_time, self.share, suspicion, statistic,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._answer(statistic, suspicion, -self._period * self.share)
@@ -289,8 +288,8 @@ def _steady_gains(
 def _watch(  # type: ignore[no-untyped-def]
     open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
     margin, confirmations, lag, effectiveness, motion, spin, gains, noise, states, begun, first_velocity,
-    scales, sums, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time, isolation_time, share,
-    suspicion, statistic, first, last,
+    scales, sums, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time,
+    isolation_time, share, suspicion, statistic, first, last,
 ):  # fmt: skip
     n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
     before, e, momentum, weight = np.empty(9), np.empty(6), np.empty(3), np.empty(3)

@@ -1,0 +1,197 @@
+"""Flights of `MarsRendezvous-v0` with one fault each, by pilots that know more or less of it.
+
+The kind goes by the flight's number in turn, so that all are equally often; thruster, size and onset are
+drawn from the flight's seed, so that all pilots meet the same. Onsets are uniform over `ONSET`: the nominal
+flight takes 206 s. Pilots fly by the same law and, but for the last, recover by the same rules:
+
+- the oracle is told of the fault at the first decision after it began;
+- the best stack diagnoses by the likelihood ratio of force and torque, and says what kind of fault it is;
+- the source's method alarms by the norm of the residual and names the thruster by cross-correlation;
+- the unprotected one knows of nothing and recovers from nothing.
+
+How a flight ended is the environment's own judgement, by the true state. Left out: more than one fault,
+faults of branch B, a vehicle that is not MSR-A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import thruster_envs  # noqa: F401 - registers the environments
+from thruster_baselines.control import ApproachController, ChaserPilot
+from thruster_baselines.detection.residuals import (
+    BaseNavigationDetector,
+    CorrelationDetector,
+    FusionDetector,
+    margin_threshold,
+)
+from thruster_envs.faults import KINDS, FaultDistribution
+from thruster_envs.spacecraft import load
+
+__all__ = [
+    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "Flight", "calibrate", "fly", "fly_healthy",
+]  # fmt: skip
+
+ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
+ONSET = (0.0, 190.0)
+SETTLE = 20.0
+"""How long after a start the best stack does not alarm but learns what errors of mass and thrust do, s;
+with 5 s its threshold would have to be twenty times as high."""
+AHEAD = 6.0
+"""By how much the likelihood of the thruster it names is ahead of the next; chosen on validation seeds."""
+
+KINDS_OF_FAULT: dict[str, tuple[str, tuple[float, float]]] = {
+    "open": ("stuck_on", (1.0, 1.0)),
+    "closed": ("stuck_off", (1.0, 1.0)),
+    "stuck at": ("stuck_on", (0.2, 0.9)),
+    "loss": ("loss", (0.3, 0.9)),
+    "leak": ("leak", (0.1, 0.5)),
+    "slow": ("slow_opening", (0.1, 0.5)),
+    "late": ("late_opening", (0.05, 0.5)),
+}
+"""Each with its name among the environment's faults and the range of its size: shares, s."""
+
+MARGINS = {"best stack": 1.5, "source's method": 1.3}
+"""Of thresholds over the largest statistic of healthy flights: of a squared length, and of a length."""
+
+PILOTS = ("oracle", "best stack", "source's method", "unprotected")
+ENDS = ("captured", "retreated", "out of time", "missed or lost")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How a flight went.
+
+    Attributes:
+        pilot: Who flew.
+        seed: Of the episode.
+        kind: Of the fault, one of `KINDS_OF_FAULT`; `healthy` for none.
+        thruster: That failed, from 1; 0 for none.
+        severity: Of the fault.
+        onset: First decision at which it was active, s; infinite if it never was.
+        end: One of `ENDS`.
+        duration: s.
+        alarm: When the first alarm came, s; infinite without.
+        name: When a thruster was first named, s; infinite without.
+        named: That thruster, from 1; 0 for none.
+        said: What was said to be wrong with it.
+        statistic: The detector's largest, up to the first alarm.
+    """
+
+    pilot: str
+    seed: int
+    kind: str
+    thruster: int
+    severity: float
+    onset: float
+    end: str
+    duration: float
+    alarm: float
+    name: float
+    named: int
+    said: str
+    statistic: float
+
+    @property
+    def detection(self) -> float:
+        """s from the onset to the alarm; negative for one before, no number without a fault."""
+        return self.alarm - self.onset if np.isfinite(self.onset) else float("nan")
+
+
+def calibrate(seeds: Sequence[int]) -> dict[str, float]:
+    """Thresholds by pilot: a margin over the largest statistic of healthy flights."""
+    return {
+        pilot: margin_threshold([one.statistic for one in fly_healthy(pilot, seeds, {pilot: np.inf})], margin)
+        for pilot, margin in MARGINS.items()
+    }
+
+
+def fly_healthy(pilot: str, seeds: Sequence[int], thresholds: dict[str, float]) -> list[Flight]:
+    """Flights in which nothing fails."""
+    return _batch(pilot, "healthy", seeds, thresholds)
+
+
+def fly(pilot: str, seeds: Sequence[int], thresholds: dict[str, float]) -> list[Flight]:
+    """One flight per seed, with the kinds of fault in turn; in the order of the seeds."""
+    flights: list[Flight] = []
+    for number, kind in enumerate(KINDS_OF_FAULT):
+        if len(seeds) > number:
+            flights += _batch(pilot, kind, seeds[number :: len(KINDS_OF_FAULT)], thresholds)
+    return sorted(flights, key=lambda one: one.seed)
+
+
+def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNavigationDetector | None:
+    if pilot == "best stack":
+        return FusionDetector(
+            "msr_chaser", min(thresholds[pilot], 1e12), margin=AHEAD, settle=SETTLE, vehicles=vehicles
+        )
+    if pilot == "source's method":
+        # Its observer, started at rest, needs the settling time that it comes with.
+        return CorrelationDetector("msr_chaser", min(thresholds[pilot], 1e12), vehicles=vehicles)
+    return None
+
+
+def _batch(pilot: str, kind: str, seeds: Sequence[int], thresholds: dict[str, float]) -> list[Flight]:
+    count = len(seeds)
+    faults = None
+    if kind != "healthy":
+        name, severity = KINDS_OF_FAULT[kind]
+        faults = FaultDistribution(
+            probability=1.0, kinds=(name,), severity={name: severity}, onset=ONSET, onset_grid=0.1
+        )
+    envs: Any = gym.make_vec(
+        ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", inhibit=True, faults=faults
+    )
+    observations, info = envs.reset(seed=list(seeds))
+    spacecraft, steps = load("msr_chaser"), envs.unwrapped.worlds.task.steps
+    protected = ChaserPilot(spacecraft, steps, _detector(pilot, thresholds, count), vehicles=count)
+    plain = ApproachController(spacecraft, steps)
+    truth = {key: info["fault"][key][:, 0].copy() for key in ("thruster", "kind", "severity")}
+    onset, largest = np.full(count, np.inf), np.zeros(count)
+    told, flights = np.zeros(count, np.bool_), [None] * count
+    over, time = np.zeros(count, np.bool_), 0.0
+    actions = np.full(envs.action_space.shape, -1.0, np.float32)
+    while not over.all():
+        active = info["fault"]["active"][:, 0] & ~over
+        onset[active] = np.minimum(onset[active], time)
+        if pilot == "oracle":
+            for world in np.flatnonzero(active & ~told):
+                told[world] = True
+                failed = KINDS[int(truth["kind"][world]) - 1]
+                protected.tell(
+                    int(world), int(truth["thruster"][world]), failed, float(truth["severity"][world])
+                )
+        if pilot == "unprotected":
+            actions[:, : spacecraft.number_of_thrusters] = plain(observations)
+        else:
+            actions = protected(observations)
+            untouched = ~over & ~protected.branch
+            largest[untouched] = np.maximum(largest, protected.statistic)[untouched]
+        observations, _, terminated, _, info = envs.step(actions)
+        time = round(time + spacecraft.control_period, 6)
+        for world in np.flatnonzero(terminated & ~over):
+            flights[world] = Flight(
+                pilot, seeds[world], kind, int(truth["thruster"][world]), float(truth["severity"][world]),
+                float(onset[world]), _end(info, int(world)), time,
+                float(protected.alarm_time[world]), float(protected.name_time[world]),
+                int(protected.named[world]), str(protected.kind[world]), float(largest[world]),
+            )  # fmt: skip
+        over |= terminated
+    envs.close()
+    return [one for one in flights if one is not None]
+
+
+def _end(info: dict[str, Any], world: int) -> str:
+    """How an episode that has just ended did so."""
+    if info["success"][world]:
+        return "captured"
+    if info["approach"]["retreated"][world]:
+        return "retreated"
+    if info["approach"]["safe"][world]:
+        return "out of time"
+    return "missed or lost"
