@@ -81,8 +81,8 @@ def study(effort: Effort) -> Finding:
         f"{harmless} of these flights. Of the other six kinds it detects "
         f"{_share(sum(map(_detected, not_slow)), len(not_slow))} and names the right thruster in "
         f"{_share(sum(one.named == one.thruster for one in not_slow), len(not_slow))}. No pilot that goes "
-        "over to branch B has to know which thruster failed: that forgives the source's method its wrong names, "
-        "since its test is right for valves that are too far open only; its alarm saves the flight. "
+        "over to branch B has to know which thruster failed: that forgives the source's method its wrong "
+        "names, since its test is right for valves that are too far open only; its alarm saves the flight. "
         "What kind of fault it is, at the moment of the name, is known less well than the thruster (last "
         "table). Numbers are of MSR-A, ours."
     )
@@ -297,9 +297,9 @@ REPRODUCTIONS = (
         lines="beyond the source; L317-332, L334 for its method",
         reported="nothing: open faults only, and no flight goes on after the diagnosis",
         criterion=(
-            "on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s (open)"
-            " and 2.5 s (others), no false alarm in ten healthy hours, and it captures or retreats in 95 % of "
-            "the flights that the oracle saves"
+            "on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s "
+            "(open) and 2.5 s (others), no false alarm in ten healthy hours, and it captures or retreats in "
+            "95 % of the flights that the oracle saves"
         ),
         run=study,
     ),

@@ -99,7 +99,7 @@ class Flight:
 
     @property
     def detection(self) -> float:
-        """s from the onset to the alarm; negative for one before, no number without a fault."""
+        """From the onset to the alarm, s; negative for one before, no number without a fault."""
         return self.alarm - self.onset if np.isfinite(self.onset) else float("nan")
 
 

@@ -253,7 +253,8 @@ class FusionDetector(BaseNavigationDetector):
             self.settle, self.threshold, self.margin, self.confirmations, self.lag, self.effectiveness,
             self._motion, self._spin, self._gains, self._noise, self._states, self._begun,
             self.first_velocity, self._scales, self._sums, self._commands, self._newest, self._rates,
-            self._seen, self._ahead, self.refused, self.detected, self.thruster, self.detection_time, self.isolation_time, self.share, suspicion, statistic,
+            self._seen, self._ahead, self.refused, self.detected, self.thruster, self.detection_time,
+            self.isolation_time, self.share, suspicion, statistic,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._answer(statistic, suspicion, -self._period * self.share)
