@@ -2,8 +2,8 @@
 
 The environment's own pilot flies, which knows of no fault, and nobody acts on a diagnosis. What is kept is
 what navigation measures at each sample and what the valves are told for the period that begins with it, so
-delays count from the measurement, not from its arrival one period later. Numbers are of MSR-A, ours: the source
-withholds those of its vehicle.
+with it, so delays count from the measurement, not from its arrival one period later. Numbers are of MSR-A,
+ours: the source withholds those of its vehicle.
 """
 
 from __future__ import annotations
