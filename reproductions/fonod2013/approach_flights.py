@@ -1,8 +1,8 @@
 """Approaches of `MarsRendezvous-v0` for detectors to look at: many at once, with one fault each or none.
 
 The environment's own pilot flies, which knows of no fault, and nobody acts on a diagnosis. What is kept is
-what navigation measures at each sample and what the valves are told for the period that begins with it, so
-with it, so delays count from the measurement, not from its arrival one period later. Numbers are of MSR-A,
+what navigation measures at each sample and what the valves are told for the period that begins with
+it, so delays count from the measurement, not from its arrival one period later. Numbers are of MSR-A,
 ours: the source withholds those of its vehicle.
 """
 

@@ -53,7 +53,7 @@ def noise(effort: Effort) -> Finding:
         rows.append((name, f"{1e3 * limit:.1f} mm", *row))
         shares.append(right)
     return Finding(
-        ours=f"named right: {', '.join(f'{100.0 * one:.1f} %' for one in shares)}",
+        ours=f"named right: {_shares(shares)}",
         checks={"all open faults are named right in every row": min(shares) == 1.0},
         beyond_source=True,
         data={"named_right": dict(zip([name for name, _ in cases], shares, strict=True))},
@@ -83,8 +83,9 @@ def readings(effort: Effort) -> Finding:
         ours="; ".join(f"{name}: {100.0 * right:.1f} %" for name, right in share.items()),
         checks={
             "as meant and as printed all are named right": all(
-                right == 1.0 for name, right in share.items() if "guard" not in name and "greatest" not in name
-                and "the same" not in name
+                right == 1.0
+                for name, right in share.items()
+                if not any(word in name for word in ("guard", "greatest", "the same"))
             ),
             "the greatest correlation names none right": share["r(l), the greatest, N = 10"] == 0.0,
             "the guard of Remark 3 names none right": share["guard of Remark 3 at 0.05"] == 0.0,
@@ -115,11 +116,11 @@ def other_faults(effort: Effort) -> Finding:
             rows.append((fault, name, *row))
             share[f"{fault}, {name}"] = right
     printed = [share[f"{fault}, eq. 33, the source's"] for fault in FAULTS]
+    fused = [share[f"{fault}, fusion"] for fault in FAULTS]
     return Finding(
         ours=(
-            f"the source's test names {', '.join(f'{100.0 * one:.1f} %' for one in printed)} right of "
-            f"{', '.join(FAULTS)}; the fusion "
-            f"{', '.join(f'{100.0 * share[f'{fault}, fusion']:.1f} %' for fault in FAULTS)}"
+            f"named right of {', '.join(FAULTS)}: the source's test {_shares(printed)}; the fusion "
+            f"{_shares(fused)}"
         ),
         checks={
             "the source's test names all open valves right": printed[0] == 1.0,
@@ -172,6 +173,10 @@ def _row(batches: list[NavigationFlights], make: Make, limit: float) -> tuple[tu
         f"{100.0 * right / named.size:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})",
     )
     return cells, right / named.size
+
+
+def _shares(values: list[float]) -> str:
+    return ", ".join(f"{100.0 * one:.1f} %" for one in values)
 
 
 def _times(values: np.ndarray) -> str:
