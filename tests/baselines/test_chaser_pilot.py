@@ -1,0 +1,107 @@
+"""The pilot of the Mars chaser captures whatever one thruster does, and says what it decided."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import thruster_envs  # noqa: F401  # registers the environments
+from thruster_baselines.control import ChaserPilot
+from thruster_baselines.detection.residuals import FusionDetector
+from thruster_envs.faults import Fault
+from thruster_envs.seeds import VALIDATION
+from thruster_envs.spacecraft import load
+
+CHASER = load("msr_chaser")
+MARS = "thruster_envs/MarsRendezvous-v0"
+ONSET = 5.0
+
+
+def detector(threshold, settle, vehicles=2):
+    return FusionDetector(CHASER, threshold, settle=settle, vehicles=vehicles)
+
+
+def fly(fault, watcher, tell=None, vehicles=2, distance=6.0):
+    """Fly to the end of the first episodes: the pilot, who captured, who was safe."""
+    envs = gym.make_vec(
+        MARS, num_envs=vehicles, vectorization_mode="vector_entry_point", inhibit=True, distance=distance,
+        faults=fault,
+    )  # fmt: skip
+    observations, _ = envs.reset(seed=VALIDATION.start)
+    pilot = ChaserPilot(
+        CHASER, envs.unwrapped.worlds.task.steps, watcher, vehicles=vehicles, distance=distance
+    )
+    over, captured, safe = np.zeros((3, vehicles), np.bool_)
+    time, log = 0.0, []
+    while not over.all():
+        if tell is not None and abs(time - ONSET) < 0.01:
+            for vehicle in range(vehicles):
+                pilot.tell(vehicle, *tell)
+        actions = pilot(observations)
+        log = [one for one in pilot.log if one.vehicle == 0] if not over[0] else log
+        observations, _, terminated, _, info = envs.step(actions)
+        captured |= info["success"] & terminated & ~over
+        safe |= info["approach"]["safe"] & terminated & ~over
+        over |= terminated
+        time += 0.1
+    return log, captured, safe
+
+
+def test_without_a_fault_it_captures_and_decides_nothing():
+    log, captured, _ = fly(None, None)
+    assert captured.all()
+    assert log == []
+
+
+def test_told_of_an_open_valve_it_closes_it_at_once_and_goes_over_a_period_later():
+    log, captured, _ = fly(Fault(3, "stuck_on", onset=ONSET), None, (3, "stuck_on", 1.0))
+    assert captured.all()
+    assert [(one.what, one.thruster) for one in log] == [("told", 3), ("inhibited", 3), ("branch B", 0)]
+    # What is told comes before the sight of the same period.
+    assert log[2].time - log[0].time == pytest.approx(0.1)
+
+
+def test_a_valve_that_nobody_knows_of_costs_the_flight():
+    log, captured, _ = fly(Fault(3, "stuck_on", onset=ONSET), None)
+    assert not captured.any()
+    assert [one.what for one in log] == ["retreat", "branch B"]
+
+
+def test_told_of_half_a_loss_it_stays_on_the_branch_and_captures():
+    log, captured, _ = fly(Fault(6, "loss", severity=0.4, onset=ONSET), None, (6, "loss", 0.4))
+    assert captured.all()
+    assert [one.what for one in log] == ["told", "re-allocated"]
+
+
+def test_more_than_that_sends_it_to_the_other_branch():
+    log, captured, _ = fly(Fault(6, "loss", severity=0.8, onset=ONSET), None, (6, "loss", 0.8))
+    assert captured.all()
+    assert [one.what for one in log] == ["told", "inhibited", "branch B"]
+
+
+@pytest.mark.parametrize(("thruster", "kind"), [(1, "stuck_on"), (6, "stuck_off")])
+def test_it_finds_out_by_itself(thruster, kind):
+    log, captured, _ = fly(Fault(thruster, kind, onset=30.0), detector(30.0, 20.0))
+    assert captured.all()
+    assert [one.what for one in log] == ["alarm", "named", "inhibited", "branch B"]
+    assert log[1].thruster == thruster
+    assert 30.0 < log[0].time < 32.5
+
+
+def test_a_weak_thruster_still_gives_the_wrench_that_is_asked_for():
+    pilot = ChaserPilot(CHASER, 900)
+    pilot.tell(0, 4, "loss", 0.4)
+    shares = np.ones(8)
+    shares[3] = 0.6
+    wrench = np.array([[6.0, -2.0, 4.0, 1.0, -0.5, 0.4]])
+    rates = pilot._open_rates(wrench)
+    np.testing.assert_allclose((CHASER.wrenches() * shares) @ rates[0], wrench[0], atol=1e-9)
+    assert rates.min() >= 0.1 - 1e-12
+
+
+def test_a_sight_of_this_moment_or_too_few_rows_are_refused():
+    with pytest.raises(ValueError, match="navigation_delay is 0; a whole number of 1 or more would be right"):
+        ChaserPilot(CHASER, 900, navigation_delay=0)
+    with pytest.raises(ValueError, match="observation has 1 rows; 2 would be right"):
+        ChaserPilot(CHASER, 900, vehicles=2)(np.zeros(45))
