@@ -7,7 +7,8 @@ reference and of Hill's acceleration; an allocation by the pseudo-inverse that r
 of the environment's own scripted pilot, here on plain NumPy and without its filter of the position, and in
 two halves: who knows of a closed valve maps the wrench otherwise.
 
-Left out: faults, the delay of the modulator, a reference that waits or retreats.
+Left out: faults, the delay of the modulator, a reference that waits; who retreats gives `wrench` another
+reference.
 """
 
 from __future__ import annotations
