@@ -11,9 +11,9 @@ what is wrong with it. Then:
   branch B with all valves open and the detector begins anew;
 - an alarm that names nobody within `doubt_time`, or comes closer to the target than `near`, is reason enough
   to go over;
-- the approach is given up, on branch B, when there is an alarm on that branch after `settling`, when the chaser is about to
-  leave its corridor, or when it is not within the tolerances of capture just before the target. It then flies
-  back along-track, away from the target, until it is out of reach.
+- the approach is given up, on branch B, when there is an alarm on that branch after `settling`, when the
+  chaser is about to leave its corridor, or when it is not within the tolerances of capture just before the
+  target. It then flies back along-track, away from the target, until it is out of reach.
 
 The source (Fonod et al. 2013) names the thruster and says nothing of what comes after; rules and numbers
 are ours. Left out: faults of branch B, a second approach after a retreat, two faults at once.
