@@ -34,7 +34,7 @@ from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
 __all__ = [
-    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "Flight", "calibrate", "fly", "fly_healthy",
+    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "Flight", "calibrate", "fly", "fly_healthy",
 ]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
