@@ -2,9 +2,9 @@
 
 The source says that faults are found despite delays, noise and disturbances, and gives no rate. Here the
 thresholds are margins over healthy flights of validation seeds, and flights of test seeds show the alarms.
-The figure lowers each threshold in steps: the delays of detection and isolation against the rate of false
-alarms. Rates are of flights with an alarm, over the hours after settling. Left out: the retuning of a detector for
-each threshold.
+The figure lowers each threshold in steps: median delays of detection and isolation against the rate of false
+alarms. A median below zero, of alarms that mostly came before the fault, is not shown. Rates are of flights
+with an alarm, over the hours after settling. Left out: the retuning of a detector for each threshold.
 """
 
 from __future__ import annotations
