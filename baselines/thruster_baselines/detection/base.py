@@ -32,6 +32,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, PhysicalNoise
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
@@ -175,13 +176,7 @@ class BaseDetector(ABC):
         """
         mask = self._mask(vehicles)
         given = np.array(effectiveness, dtype=np.float64)
-        if given.shape not in (self._nominal.shape, self._believed.shape):
-            raise ValueError(
-                f"effectiveness has the shape {given.shape}; {self._nominal.shape}, or with "
-                f"{self._vehicles} vehicles in front, would be right"
-            )
-        if not np.isfinite(given).all():
-            raise ValueError("effectiveness has an entry that is not finite; m/s^2, rad/s^2 would be right")
+        check_effectiveness(given, self._vehicles, self._nominal.shape)
         given = np.broadcast_to(given, self._believed.shape)
         changed = (given != self._believed).any(axis=1) & mask[:, np.newaxis]
         for i in np.flatnonzero(changed.any(axis=0)):
@@ -289,25 +284,10 @@ class BaseDetector(ABC):
         )  # fmt: skip
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
-        values = np.array(given, dtype=np.float64, order="C")
-        if values.shape == (size,):
-            values = np.repeat(values[np.newaxis], self._vehicles, axis=0)
-        if values.shape != (self._vehicles, size):
-            raise ValueError(
-                f"{name} has the shape {values.shape}; ({self._vehicles}, {size}) would be right"
-            )
-        return values
+        return rows_of(np.array(given, dtype=np.float64, order="C"), self._vehicles, size, name)
 
     def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
-        if vehicles is None:
-            return np.ones(self._vehicles, np.bool_)
-        mask = np.asarray(vehicles)
-        if mask.shape != (self._vehicles,) or mask.dtype != np.bool_:
-            raise ValueError(
-                f"vehicles is an array of {mask.dtype} and of the shape {mask.shape}; a mask "
-                f"({self._vehicles},) would be right"
-            )
-        return mask
+        return mask_of(vehicles, self._vehicles)
 
     def _answer(
         self, statistic: FloatArray, blamed: IntArray, suspicion: FloatArray, shortfall: FloatArray

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -123,13 +124,7 @@ class BaseNavigationDetector(ABC):
         mask = self._mask(vehicles)
         given = np.asarray(effectiveness, dtype=np.float64)
         whole = self.effectiveness.shape
-        if given.shape not in (whole[1:], whole):
-            raise ValueError(
-                f"effectiveness has the shape {given.shape}; {whole[1:]}, or with {whole[0]} vehicles in "
-                "front, would be right"
-            )
-        if not np.isfinite(given).all():
-            raise ValueError("effectiveness has an entry that is not finite; m/s^2, rad/s^2 would be right")
+        check_effectiveness(given, self._vehicles, whole[1:])
         self.effectiveness[mask] = np.broadcast_to(given, whole)[mask]
         self._clear(mask)
 
@@ -194,23 +189,10 @@ class BaseNavigationDetector(ABC):
         )
 
     def _rows(self, given: ArrayLike, size: int, name: str) -> FloatArray:
-        values = np.ascontiguousarray(given, dtype=np.float64)
-        if values.shape == (self._vehicles, size):
-            return values
-        if values.shape == (size,):
-            return np.repeat(values[np.newaxis], self._vehicles, axis=0)
-        raise ValueError(f"{name} has the shape {values.shape}; ({self._vehicles}, {size}) would be right")
+        return rows_of(np.ascontiguousarray(given, dtype=np.float64), self._vehicles, size, name)
 
     def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
-        if vehicles is None:
-            return self._everywhere
-        mask = np.asarray(vehicles)
-        if mask.shape != (self._vehicles,) or mask.dtype != np.bool_:
-            raise ValueError(
-                f"vehicles is an array of {mask.dtype} and of the shape {mask.shape}; a mask "
-                f"({self._vehicles},) would be right"
-            )
-        return mask
+        return mask_of(vehicles, self._vehicles)
 
 
 def nominal_delay(spacecraft: Spacecraft) -> float:
