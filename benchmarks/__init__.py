@@ -7,5 +7,5 @@ that everything runs.
 Every figure is the median of at least five repetitions. What is compared is repeated in turns, so that a
 machine whose clock wanders slows all of it alike, and a ratio is the median of the ratios of the rounds.
 Compilation and construction are not measured. Sections: :mod:`.environments`, :mod:`.peers`,
-:mod:`.learning`, :mod:`.mapping`, :mod:`.detection`.
+:mod:`.learning`, :mod:`.mapping`, :mod:`.detection`, :mod:`.navigation`, :mod:`.formation`.
 """

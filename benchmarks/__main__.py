@@ -14,7 +14,7 @@ from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
 
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
-SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "formation")
+SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 

@@ -13,6 +13,7 @@ MEANINGS = {
     "µs": "µs for one command or update (less is better)",
     "LP/s": "linear programs per second",
     "updates/s": "vehicle-updates per second",
+    "samples/s": "samples of a vehicle per second",
     "craft-steps/s": "control periods of a craft per second",
     "pulses/s": "pulses per second",
     "plain solves": "time in plain linear programs (less is better)",
