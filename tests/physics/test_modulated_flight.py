@@ -84,12 +84,19 @@ def test_pulses_are_exact_at_every_substep(max_substep):
     )
 
 
-def test_a_long_delay_carries_many_pulses():
-    """Delays of 3.3 to 3.7 periods: five pulses are on their way at a time."""
-    late = CHASER.replace(modulator=Modulator(delay=0.35, variation=0.01, jitter=0.01))
-    duties = random_duties(np.random.default_rng(6), 40, 8)
+@pytest.mark.parametrize(
+    "modulator",
+    [
+        Modulator(delay=0.35, variation=0.01, jitter=0.01),  # five pulses are on their way at a time
+        Modulator(delay=0.1, variation=0.053, variation_period=7.3, jitter=0.047),  # 0 to 2 periods
+    ],
+)
+def test_delayed_pulses_are_the_referees(modulator):
+    late = CHASER.replace(modulator=modulator)
+    duties = random_duties(np.random.default_rng(6), 100, 8)
     exact = referee.delivered(late, duties, seed=2)
-    np.testing.assert_allclose(fly(late, duties, seed=2).delivered, exact, **EXACT)
+    sine = 1e-11 * modulator.variation
+    np.testing.assert_allclose(fly(late, duties, seed=2).delivered, exact, rtol=1e-12, atol=1e-13 + sine)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -65,7 +65,7 @@ def test_a_modulator_survives_files_and_json(tmp_path):
     [
         ({"modulator": None}, "isolation_valves is True; False, or a modulator beside it"),
         ({"modulator": None, "isolation_valves": False}, "time_constant is 0.02; 0 s where there is no"),
-        ({"modulator": {"delay": 0.1, "jitter": 0.06}}, "jitter together is 0.06; at most half the control"),
+        ({"modulator": {"delay": 0.1, "jitter": 0.06}}, "two pulses together is 0.12; at most the control"),
         ({"feed": {"coupling": 0.06}}, "feed: coupling is 0.06; 0 where there is a modulator"),
         ({"gravitational_parameter": 0.0}, "gravitational_parameter is 0.0; a positive number of m^3/s^2"),
     ],

@@ -416,12 +416,14 @@ class Spacecraft:
                     "0 s where there is no modulator",
                 )
             return
-        varies, period = self.modulator.variation + self.modulator.jitter, self.control_period
+        modulator, period = self.modulator, self.control_period
+        turn = math.sin(math.pi * min(period / modulator.variation_period, 0.5))
+        closer = 2.0 * modulator.jitter + 2.0 * modulator.variation * turn
         require(
-            2.0 * varies <= period,
-            "modulator: variation and jitter together",
-            varies,
-            f"at most half the control_period, {0.5 * period!r} s, so that pulses keep their order,",
+            closer <= period,
+            "modulator: by how much variation and jitter may bring two pulses together",
+            closer,
+            f"at most the control_period, {period!r} s, so that pulses keep their order,",
         )
         require(
             self.feed.coupling == 0.0, "feed: coupling", self.feed.coupling, "0 where there is a modulator"
