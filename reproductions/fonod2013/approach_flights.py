@@ -1,40 +1,64 @@
 """Approaches of `MarsRendezvous-v0` for detectors to look at: many at once, with one fault each or none.
 
-The environment's own pilot flies, which knows of no fault, and nobody acts on a diagnosis. What is kept is
-what navigation measures at each sample and what the valves are told for the period that begins with
-it, so delays count from the measurement, not from its arrival one period later. Numbers are of MSR-A,
-ours: the source withholds those of its vehicle.
+Nobody acts on a diagnosis. What is kept is what navigation measures at each sample and what the valves are
+told for the period that begins with it, both as observations have them: a sample is seen `navigation_delay`
+periods later, so delays count from the measurement, not from its arrival. Commands shorter than the
+minimum on-time count as none, since the valves stay shut. By default the environment's own pilot flies, which
+knows of no fault; its law needs the state of its filter, which the environment hands through. Whoever else is
+to fly does so by observations. Numbers are of MSR-A, ours: the source withholds those of its vehicle.
+
+Left out: flights that end early, and measurements at the end of an observation's range.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
 
 import thruster_envs  # noqa: F401 - registers the environments
+from thruster_baselines.control import ApproachController
+from thruster_baselines.detection.environment_flights import Policy
+from thruster_baselines.detection.flights import faults_of, truth_of
 from thruster_baselines.detection.residuals import NavigationFlights
 from thruster_envs.faults import FaultDistribution
-from thruster_envs.faults.encoding import FIELD_ONSET
+from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["HEALTHY_DURATION", "ONSET", "STRUCK_DURATION", "fly"]
+__all__ = ["HEALTHY_DURATION", "ONSET", "STRUCK_DURATION", "Pilot", "fly"]
 
 ONSET = (60.0, 60.09)
 """When faults begin, s: off the sample grid."""
 STRUCK_DURATION, HEALTHY_DURATION = 80.0, 160.0
 """s."""
 
+Pilot: TypeAlias = Callable[[Spacecraft, int], Policy]
+"""Makes who flies, for a spacecraft and the periods of an episode."""
+
 _OPEN_RATES = 16  # their first column in an observation
 
 
 def fly(
-    seeds: Sequence[int], thruster: int = 0, kind: str = "none", severity: float = 0.0, **settings: Any
+    seeds: Sequence[int],
+    thruster: int = 0,
+    kind: str = "none",
+    severity: float = 0.0,
+    pilot: Pilot | None = None,
+    **settings: Any,
 ) -> NavigationFlights:
-    """One flight per seed, in which this thruster, from 1, fails in this way; healthy ones with 0."""
+    """One flight per seed, in which this thruster, from 1, fails in this way; healthy ones with 0.
+
+    Args:
+        seeds: Of the episodes.
+        thruster: From 1.
+        kind: Of the fault.
+        severity: Of the fault.
+        pilot: Who flies; by default the environment's own.
+        settings: Of the environment.
+    """
     count, healthy = len(seeds), thruster == 0
-    faults = None
+    faults = FaultDistribution(probability=0.0)
     if not healthy:
         faults = FaultDistribution(
             probability=1.0, kinds=(kind,), severity={kind: (severity, severity)}, onset=ONSET,
@@ -44,21 +68,32 @@ def fly(
         "thruster_envs/MarsRendezvous-v0", num_envs=count, vectorization_mode="vector_entry_point",
         faults=faults, **settings,
     )  # fmt: skip
-    envs.reset(seed=list(seeds))
-    worlds = envs.unwrapped.worlds
-    period, n = worlds.task.vehicle.control_period, worlds.task.vehicle.number_of_thrusters
-    onset = np.full(count, np.inf) if healthy else worlds.state.fleet.fault_rows()[:, 0, 0, FIELD_ONSET]
+    task, worlds = envs.unwrapped.task, envs.unwrapped.worlds
+    vehicle, late = task.vehicle, task.navigation_delay
+    period, n = vehicle.control_period, vehicle.number_of_thrusters
+    minimum = np.array([one.minimum_pulse for one in vehicle.thrusters]) / period
+    reader = ApproachController(vehicle, task.steps, distance=task.distance)
+    policy = None if pilot is None else pilot(vehicle, task.steps)
     samples = round((HEALTHY_DURATION if healthy else STRUCK_DURATION) / period)
-    sights, told = np.empty((count, samples, 13)), np.empty((count, samples, n))
-    for k in range(samples):
-        sights[:, k] = worlds.state.sights[:, -1, :13]
-        actions = worlds.task.pilot_actions(worlds.state)[:, 0].astype(np.float32)
+    told, position = np.empty((count, samples, n)), np.empty((count, samples, 3))
+    attitude, rate = np.empty((count, samples, 4)), np.empty((count, samples, 3))
+    observations, _ = envs.reset(seed=list(seeds))
+    for k in range(samples + late):
+        if k >= late:
+            rows = observations.astype(np.float64)
+            position[:, k - late] = reader.position(rows)
+            attitude[:, k - late], rate[:, k - late] = reader.attitude(rows)
+        if policy is None:
+            actions = task.pilot_actions(worlds.state)[:, 0].astype(np.float32)
+        else:
+            actions = policy(observations)
         observations, _, terminated, _, _ = envs.step(actions)
         if terminated.any():
             raise RuntimeError(f"a flight ended after {k} samples; {samples} would be right")
-        told[:, k] = np.clip(observations[:, _OPEN_RATES : _OPEN_RATES + n], 0.0, 1.0)
+        if k < samples:
+            rates = np.clip(observations[:, _OPEN_RATES : _OPEN_RATES + n], 0.0, 1.0)
+            told[:, k] = np.where(rates < minimum, 0.0, rates)
     envs.close()
     return NavigationFlights(
-        told, sights[..., :3], sights[..., 6:10], sights[..., 10:13], period,
-        np.full(count, thruster), (kind,) * count, np.full(count, severity), onset,
-    )  # fmt: skip
+        told, position, attitude, rate, period, **truth_of(faults_of(faults, n, seeds, not healthy))
+    )

@@ -32,6 +32,19 @@ def test_it_asks_for_what_the_law_of_the_scripted_pilot_asks_for(arguments):
         observations = envs.step(actions)[0]
 
 
+def test_attitude_and_rate_are_those_that_navigation_measured():
+    envs = gym.make_vec(MARS, num_envs=8)
+    observations, _ = envs.reset(seed=3)
+    controller = ApproachController(CHASER, envs.unwrapped.worlds.task.steps)
+    for _ in range(50):
+        observations = envs.step(np.full((8, 8), -0.8, np.float32))[0]
+    sights = envs.unwrapped.worlds.state.sights[:, 0]
+    attitude, rate = controller.attitude(observations.astype(np.float64))
+    assert np.abs(sights[:, 7:10] - [0.5, 0.5, -0.5]).max() > 0.005  # half a degree or more
+    np.testing.assert_allclose(attitude, sights[:, 6:10], atol=1e-7)
+    np.testing.assert_allclose(rate, sights[:, 10:13], atol=1e-8)
+
+
 def test_it_captures_in_every_one_of_twenty_healthy_flights():
     envs = gym.make_vec(MARS, num_envs=20, vectorization_mode="vector_entry_point")
     observations, _ = envs.reset(seed=VALIDATION.start)

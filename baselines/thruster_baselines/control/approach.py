@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.control.quaternions import rotation_matrix
+from thruster_baselines.control.quaternions import product, rotation_matrix
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -28,6 +28,8 @@ _NEAR, _VELOCITY, _ANGLE, _RATE, _BOUND = 1.0, 0.1, 0.1, 0.02, 5.0  # what 1 sta
 _TIME = 15  # time to go
 #: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
 _AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+#: Turns an attitude against that of the approach (rows, 4) into one from LVLH.
+_FROM_LVLH = np.array([product(unit, np.array([0.5, 0.5, 0.5, -0.5])) for unit in np.eye(4)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +129,18 @@ class ApproachController:
         """(rows, 3) measured relative position, m, LVLH, of observations (rows, m)."""
         near = np.abs(rows[:, 3:6]) < _BOUND
         return np.where(near, _NEAR * rows[:, 3:6], self.distance * rows[:, :3])
+
+    def attitude(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Measured attitude (rows, 4), body from LVLH, and inertial body rate (rows, 3), rad/s, body axes.
+
+        Of observations (rows, m) whose attitude and rate are not at the end of their range.
+        """
+        vector = -0.5 * _ANGLE * rows[:, 9:12]
+        scalar = np.sqrt(np.maximum(0.0, 1.0 - (vector**2).sum(axis=1, keepdims=True)))
+        q: FloatArray = np.hstack([scalar, vector]) @ _FROM_LVLH
+        w, x, y, z = q.T
+        normal = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+        return q, _RATE * rows[:, 12:15] + self.spacecraft.mean_motion * normal
 
     def elapsed(self, rows: FloatArray) -> FloatArray:
         """(rows,) control periods since the start of the episode, of observations (rows, m)."""
