@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from numba import njit
@@ -284,6 +285,48 @@ def test_a_closed_isolation_valve_stops_the_stuck_thruster():
     np.testing.assert_array_equal(observed[:, 36:45], [[0, 0, 1, 0, 0, 0, 0, 0, 0]] * 4)
 
 
+def test_a_chaser_without_a_spare_branch_has_valves_to_close_and_nothing_more():
+    task = MarsRendezvous(inhibit=True, spacecraft=dataclasses.replace(CHASER, spare_branch=False))
+    batch = begin(task, worlds=2)
+    assert task.action_size == 16
+    assert [feature.name for feature in task.features][-1] == "whether each isolation valve is closed"
+    actions = np.full((2, 1, 16), 1.0)
+    actions[1, 0, 8 + 4] = -1.0
+    for _ in range(5):
+        batch.step(actions)
+    observed = task.observe(batch.state)[:, 0]
+    np.testing.assert_array_equal(observed[:, 36:], [[1] * 8, [1, 1, 1, 1, 0, 1, 1, 1]])
+    delivered = batch.fleet.read(batch.fleet.layout.delivered, 8)[:, 0]
+    np.testing.assert_array_equal(delivered > 0.01, [[False] * 8, [i == 4 for i in range(8)]])
+    assert np.all(task.report(batch.state)["approach"]["branch"] == 0)
+
+
+def test_a_fault_is_over_for_info_once_its_branch_is_left():
+    env = gym.make(
+        "thruster_envs/MarsRendezvous-v0", inhibit=True, faults=[{"thruster": 3, "kind": "stuck_on"}]
+    )
+    env.reset(seed=0)
+    action = np.full(17, -1.0, np.float32)
+    assert env.step(action)[-1]["fault"]["active"].tolist() == [True, False, False, False]
+    action[16] = 1.0
+    assert not env.step(action)[-1]["fault"]["active"].any()
+
+
+def test_info_has_the_true_delay_of_each_pulse():
+    late = Fault(2, "late_opening", severity=0.03, onset=0.95)
+    env = gym.make("thruster_envs/MarsRendezvous-v0", faults=late)
+    assert np.all(env.reset(seed=3)[1]["approach"]["delay"] == 0.0)
+    seen = np.array([env.step(np.zeros(8, np.float32))[-1]["approach"]["delay"] for _ in range(40)])
+    modulator = CHASER.modulator
+    opening = np.array([thruster.opening_delay for thruster in CHASER.thrusters])
+    beyond = seen - opening - modulator.delay
+    beyond[10:, 1] -= 0.03
+    widest = modulator.variation + modulator.jitter
+    assert np.all(np.abs(beyond) <= widest + 1e-12)
+    assert beyond.max() > 0.5 * widest  # and it is drawn anew for every pulse
+    assert len(np.unique(beyond.round(9))) == beyond.size
+
+
 def test_pulses_under_way_are_lost_when_the_branch_changes():
     task = MarsRendezvous(inhibit=True)
     batch = begin(task, worlds=1)
@@ -462,8 +505,8 @@ def test_where_thrusters_do_not_cancel_the_pilot_leaves_them_shut_unless_they_he
         ({"rate_limit": math.inf}, "rate_limit is inf; a finite number above 0"),
         ({"centre_of_mass_error": -0.1}, "centre_of_mass_error is -0.1; 0 m or more"),
         (
-            {"inhibit": True, "spacecraft": dataclasses.replace(CHASER, spare_branch=False)},
-            "lacks isolation valves or a spare branch; inhibit=False would be right",
+            {"inhibit": True, "spacecraft": dataclasses.replace(CHASER, isolation_valves=False)},
+            "has no isolation valves; inhibit=False would be right",
         ),
     ],
 )

@@ -278,6 +278,24 @@ class Fleet:
             .copy()
         )
 
+    def fault_ends(self) -> FloatArray:
+        """When each of the encoded faults ends, as it stands now, s: (worlds, craft, slots)."""
+        ends = self.faults[..., code.FIELD_END].reshape(-1, self.slots)[: self.worlds * self.craft]
+        return ends.reshape(self.worlds, self.craft, self.slots)
+
+    def pulse_delays(self) -> FloatArray:
+        """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
+
+        Behind a modulator only; 0 before the first command.
+        """
+        layout, n = self.layout, self.layout.thrusters
+        if not layout.carried:
+            return np.zeros((self.worlds, self.craft, n))
+        opening = np.array([thruster.opening_delay for thruster in self.spacecraft.thrusters])
+        opens = self.read(layout.pending + 3 * (layout.carried - 1) * n, n)
+        flown = self.read(at.STEP) > 0.0
+        return np.where(flown, opens + self.spacecraft.control_period - opening, 0.0)
+
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that a later period depends on, as copies."""
         return {"data": self.data.copy(), "faults": self.faults.copy(), "streams": self.streams.copy()}

@@ -4,8 +4,8 @@ Models the final translation of Fonod et al. 2013 along the V-bar: the chaser co
 inside a corridor, sees the target through a noisy LIDAR and its attitude through noisy estimates, all one
 sample old, and has to cross the capture plane near its centre, slowly and well pointed. Its pulses come late
 by an unknown time, a differential gravity, drag and sunlight push it, and its true mass, inertia, centre of
-mass and thrusts are not quite those of the description. It may close isolation valves and go over to a spare
-set of thrusters. Every number of the vehicle is MSR-A, ours: the source withholds them.
+mass and thrusts are not quite those of the description. It may close isolation valves and, where it has one,
+go over to a spare set of thrusters. Every number of the vehicle is MSR-A, ours: the source withholds them.
 
 The spare branch is the same set of thrusters again. So to go over to it is to leave behind what is wrong with
 the first: in the arrays every fault ends, and the pulses under way are lost, while the thrust of the branch
@@ -122,7 +122,7 @@ class MarsRendezvous(Task):
 
     Attributes:
         distance: Behind the target at the start, m.
-        inhibit: Add isolation valves and the spare branch to the action.
+        inhibit: Add isolation valves, and the spare branch where there is one, to the action.
         navigation_delay: Age of what is observed, in control periods.
         disturbances: Whether differential gravity, drag and sunlight act.
         mass_error: Half-width of the true mass about that of the description, as a share.
@@ -179,10 +179,10 @@ class MarsRendezvous(Task):
                 f"{self.vehicle.name!r} has no modulator; a spacecraft with one, such as 'msr_chaser', "
                 "would be right"
             )
-        if self.inhibit and not (self.vehicle.isolation_valves and self.vehicle.spare_branch):
+        if self.inhibit and not self.vehicle.isolation_valves:
             raise ValueError(
-                f"inhibit is True while {self.vehicle.name!r} lacks isolation valves or a spare branch; "
-                "inhibit=False would be right"
+                f"inhibit is True while {self.vehicle.name!r} has no isolation valves; inhibit=False would "
+                "be right"
             )
 
     @cached_property
@@ -202,16 +202,15 @@ class MarsRendezvous(Task):
     def action_size(self) -> int:
         """Open rate of each thruster; with ``inhibit`` one number more for each, and one for the branch."""
         n = self.vehicle.number_of_thrusters
-        return 2 * n + 1 if self.inhibit else n
+        return 2 * n + int(self.vehicle.spare_branch) if self.inhibit else n
 
     @cached_property
     def features(self) -> tuple[Feature, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
-        valves = (
-            Feature("whether each isolation valve is closed", n, 1.0, "1", 0.0),
-            Feature("whether the spare branch is in use", 1, 1.0, "1", 0.0),
-        )
+        valves: tuple[Feature, ...] = (Feature("whether each isolation valve is closed", n, 1.0, "1", 0.0),)
+        if self.vehicle.spare_branch:
+            valves += (Feature("whether the spare branch is in use", 1, 1.0, "1", 0.0),)
         return (
             Feature("measured relative position, whole approach", 3, _BOUND, "distance at the start"),
             Feature("measured relative position, close by", 3, _BOUND, f"{_NEAR:g} m"),
@@ -289,7 +288,7 @@ class MarsRendezvous(Task):
             lambda first, last: _observe(
                 fleet.data, fleet.faults, model.limits, model.authority, state.sights, state.estimate,
                 state.branch, fleet.layout.inhibited, fleet.layout.thrusters, self.inhibit,
-                self.observe_fault, rows, first, last,
+                self.vehicle.spare_branch, self.observe_fault, rows, first, last,
             )
         )  # fmt: skip
         return observations
@@ -310,13 +309,14 @@ class MarsRendezvous(Task):
         )
 
     def report(self, state: ApproachState) -> dict[str, dict[str, NDArray[Any]]]:
-        """How the approach ended, whether without danger to the target, and on which branch it flies."""
+        """How the approach ended, whether without danger to the target, its branch, and true delays."""
         end = state.account[:, _END : _END + 1]
         return {
             "approach": {
                 "retreated": end == _RETREATED,
                 "safe": end < _MISSED,
                 "branch": state.branch[:, np.newaxis].copy(),
+                "delay": state.fleet.pulse_delays(),
             }
         }
 
@@ -426,7 +426,7 @@ def _command(
         if action.shape[0] > n:
             for i in range(n):
                 data[b, inhibited + i, w] = 1.0 if action[n + i] > 0.5 else 0.0
-            if action[2 * n] > 0.5 and branch[world] == 0:
+            if action.shape[0] > 2 * n and action[2 * n] > 0.5 and branch[world] == 0:
                 branch[world] = 1
                 for row in range(pending, inhibited):
                     data[b, row, w] = 0.0
@@ -538,7 +538,7 @@ def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first
 
 @njit(error_model="numpy", cache=True, nogil=True)
 def _observe(
-    data, faults, limits, authority, sights, estimate, branch, inhibited, n, inhibit, observe_fault,
+    data, faults, limits, authority, sights, estimate, branch, inhibited, n, inhibit, spare, observe_fault,
     observations, first, last,
 ):  # fmt: skip
     lanes = data.shape[2]
@@ -564,7 +564,9 @@ def _observe(
         if inhibit:
             for i in range(n):
                 row[used + i] = data[b, inhibited + i, w]
-            row[used + n] = branch[world]
-            used += n + 1
+            used += n
+            if spare:
+                row[used] = branch[world]
+                used += 1
         if observe_fault:
             write_oracle_view(faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, used)

@@ -283,7 +283,7 @@ class MarsRendezvousEnv(TaskEnv):
 
     With `inhibit=True` there follow one number for each isolation valve, closed while it is above 0, and one
     for the spare branch, which takes over for good once it is above 0: `Box(-1, 1, (17,), float32)`. The
-    valves are then those of the spare branch.
+    valves are then those of the spare branch. A `spacecraft` without one has no number for it.
 
     ## Observation Space
 
@@ -306,8 +306,8 @@ class MarsRendezvousEnv(TaskEnv):
     | 30-35 | last expected rate change | -5 | 5 | authority per axis |
 
     The velocity is that of an alpha-beta filter (0.3, 0.05) on the LIDAR, driven by the expected rate change.
-    With `inhibit=True` there follow whether each isolation valve is closed (8) and whether the spare branch
-    is in use (1), 0 or 1. With `observe_fault=True` there follow after that, for each thruster:
+    With `inhibit=True` there follow whether each isolation valve is closed (8) and, where there is one,
+    whether the spare branch is in use (1), 0 or 1. With `observe_fault=True` there follow after that, for each thruster:
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
@@ -345,13 +345,14 @@ class MarsRendezvousEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (also while the spare branch is in use,
-      which no fault strikes).
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (no longer once the spare branch has taken
+      over, which no fault strikes).
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: at capture 0.5, and up to 0.5 more for economy; 0.25 for a retreat; 0 if missed or lost; else
       0.25 times the share of the distance gained.
     - `success`: whether the target is captured.
-    - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one.
+    - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
+      `delay`: from command to opening of each thruster's last pulse, s, as it truly was.
 
     ## Arguments
 
@@ -368,7 +369,7 @@ class MarsRendezvousEnv(TaskEnv):
     - `nonlinear`: whether to fly by the full two-body relative equations (the default) or by Hill's.
     - `max_substep`: longest integration sub-step, s; None for the control period.
     - `distance`: behind the target at the start, m; 2 to 1000.
-    - `inhibit`: whether isolation valves and the spare branch are part of the action.
+    - `inhibit`: whether isolation valves, and the spare branch where there is one, are part of the action.
     - `navigation_delay`: age of what is observed, in control periods; 1 by default.
     - `disturbances`: whether differential gravity, drag and sunlight act.
     - `mass_error`, `inertia_error`, `thrust_error`: half-widths of the true mass, moments of inertia (all by

@@ -173,6 +173,7 @@ class Worlds:
         """
         truth, told = self.task.truth(self.state), self._told
         time = (self.steps * self.task.vehicle.control_period)[:, np.newaxis, np.newaxis]
+        ends = self.fleet.fault_ends()[:, self._commanded]
         if step is None:
             terms, cost = np.zeros((*self._shape[:2], len(self.task.reward_terms))), np.zeros(self._shape[:2])
         else:
@@ -184,7 +185,7 @@ class Worlds:
                 "thruster": told.thruster.copy(),
                 "kind": told.kind.copy(),
                 "severity": told.severity.copy(),
-                "active": (told.onset <= time) & (time < told.end),
+                "active": (told.kind != code.EMPTY) & (told.onset <= time) & (time < ends),
             },
             "fuel": truth.fuel,
             "score": truth.score,
@@ -213,17 +214,13 @@ class _Told(NamedTuple):
     kind: NDArray[np.int64]
     severity: FloatArray
     onset: FloatArray
-    end: FloatArray
 
 
 def _told(rows: FloatArray) -> _Told:
     kind = rows[..., code.FIELD_KIND].astype(np.int64)
     present = kind != code.EMPTY
     thruster = np.where(present, rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1, 0)
-    onset, end = rows[..., code.FIELD_ONSET], rows[..., code.FIELD_END]
-    return _Told(
-        thruster, kind, rows[..., code.FIELD_SEVERITY].copy(), onset.copy(), np.where(present, end, 0.0)
-    )
+    return _Told(thruster, kind, rows[..., code.FIELD_SEVERITY].copy(), rows[..., code.FIELD_ONSET].copy())
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:
