@@ -137,11 +137,39 @@ def test_open_faults_are_found_in_the_tabled_time_whatever_the_flight(
 
 @pytest.mark.parametrize(
     "reading",
-    [{"residual": "last"}, {"vote": "global"}, {"vote": "x"}, {"vote": "z"}, {"window": 30}],
-    ids=lambda reading: next(iter(reading)),
+    [
+        {"residual": "last"},
+        {"vote": "global"},
+        {"vote": "sum"},
+        {"vote": "x"},
+        {"vote": "z"},
+        {"window": 30},
+    ],
+    ids=lambda reading: "-".join(str(one) for one in next(iter(reading.items()))),
 )
 def test_every_reading_of_the_criterion_is_right_for_open_faults(opened, reading):
     assert right(watch(CorrelationDetector(MSR_A, THRESHOLD, vehicles=24, **reading), opened), opened) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("vote", "wanted"),
+    [
+        ("sum", lambda c: c.sum(axis=0).argmin()),
+        ("global", lambda c: c.argmin() % 8),
+        ("y", lambda c: c[1].argmin()),
+    ],
+)
+def test_choice_is_that_of_the_correlations_written_out(opened, vote, wanted):
+    detector = CorrelationDetector(MSR_A, THRESHOLD, vote=vote, window=7, vehicles=24, confirmations=10**6)
+    residuals = []
+    for k in range(opened.open_rates.shape[1]):
+        detector.update(**opened.step(slice(None), k))
+        residuals.append(detector.residual.copy())
+        if k > 520:
+            window = np.array(residuals[-8:])
+            c = np.abs(np.einsum("lvj,vli->vji", window, opened.open_rates[:, k - 7 : k + 1]))
+            ours = [int(wanted(one)) + 1 for one in c]
+            np.testing.assert_array_equal(detector.choice, ours)
 
 
 def test_printed_residual_leaves_the_lowest_mean_command_to_decide(opened):

@@ -40,12 +40,12 @@ from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CorrelationDetector"]
 
-Vote: TypeAlias = Literal["majority", "global", "x", "y", "z"]
+Vote: TypeAlias = Literal["majority", "global", "sum", "x", "y", "z"]
 Pick: TypeAlias = Literal["least", "greatest"]
 ResidualIndex: TypeAlias = Literal["window", "last"]
 GuardWindow: TypeAlias = Literal["now", "before"]
 
-_MAJORITY, _GLOBAL = 3, 4
+_SUM, _MAJORITY, _GLOBAL = 3, 4, 5  # after the three axes
 
 
 class CorrelationDetector(NormThreshold):
@@ -58,7 +58,8 @@ class CorrelationDetector(NormThreshold):
         window: N, samples.
         confirmations: N_c, samples in a row with the same choice.
         vote: `majority` of the axes, the source's (three different votes fall back to the global choice);
-            `global`, over axes and thrusters; or one axis of the design.
+            `global`, over axes and thrusters; `sum`, by the sum of c_ji over the axes; or one axis of the
+            design.
         pick: `least`, the source's, or `greatest`.
         residual: `window` for r_j(l), or `last` for the printed r_j(k).
         idle_guard: Mean open rate below which a thruster is left out; 0 leaves none out.
@@ -103,7 +104,7 @@ class CorrelationDetector(NormThreshold):
         require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1,")
         self.window, self.confirmations = int(window), int(confirmations)
         self.idle_guard = float(idle_guard)
-        self._vote = {"x": 0, "y": 1, "z": 2, "majority": _MAJORITY, "global": _GLOBAL}[vote]
+        self._vote = {"x": 0, "y": 1, "z": 2, "sum": _SUM, "majority": _MAJORITY, "global": _GLOBAL}[vote]
         self._sign = 1.0 if pick == "least" else -1.0
         self._last_residual = residual == "last"
         self._guard_before = guard_window == "before"
@@ -157,8 +158,8 @@ def _correlate(
     last: int,
 ) -> None:
     kept, n = rates.shape[1:]  # kept is 2 N + 1
-    score, mean = np.empty((3, n)), np.empty(n)
-    votes = np.empty(3, np.int64)
+    score, mean = np.empty((_SUM + 1, n)), np.empty(n)
+    votes = np.empty(_SUM + 1, np.int64)
     for v in range(first, last):
         if not detected[v] or thruster[v] > 0:
             continue
@@ -187,8 +188,10 @@ def _correlate(
                 for back in range(window, window + taken):
                     total += rates[v, (newest - back) % kept, i]
                 idle[v, i] = total < idle_guard * taken
+        for i in range(n):
+            score[_SUM, i] = abs(score[0, i]) + abs(score[1, i]) + abs(score[2, i])
         found_best, overall = np.inf, -1
-        for j in range(3):
+        for j in range(_SUM + 1):
             best, votes[j] = np.inf, -1
             for i in range(n):
                 weak = True
@@ -199,14 +202,14 @@ def _correlate(
                 value = sign * abs(score[j, i]) / window
                 if value < best:
                     best, votes[j] = value, i
-                if value < found_best:
+                if value < found_best and j < _SUM:
                     found_best, overall = value, i
         chosen = overall
-        if vote < 3:
+        if vote <= _SUM:
             chosen = votes[vote]
-        elif vote == 3 and (votes[0] == votes[1] or votes[0] == votes[2]):
+        elif vote == _MAJORITY and (votes[0] == votes[1] or votes[0] == votes[2]):
             chosen = votes[0]
-        elif vote == 3 and votes[1] == votes[2]:
+        elif vote == _MAJORITY and votes[1] == votes[2]:
             chosen = votes[1]
         if chosen + 1 == choice[v] and chosen >= 0:
             in_a_row[v] += 1
