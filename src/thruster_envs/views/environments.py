@@ -307,7 +307,8 @@ class MarsRendezvousEnv(TaskEnv):
 
     The velocity is that of an alpha-beta filter (0.3, 0.05) on the LIDAR, driven by the expected rate change.
     With `inhibit=True` there follow whether each isolation valve is closed (8) and, where there is one,
-    whether the spare branch is in use (1), 0 or 1. With `observe_fault=True` there follow after that, for each thruster:
+    whether the spare branch is in use (1), 0 or 1. With `observe_fault=True` there follow after that, for
+    each thruster:
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
