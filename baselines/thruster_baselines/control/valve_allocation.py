@@ -1,0 +1,289 @@
+"""Open rates for wrenches from thrusters of which some deliver more, or less, than they are told.
+
+What a valve that is wrong delivers is taken as a function of its command u that needs no time: stuck at c it
+is c, leaking it is c or more, a weak thruster gives a share of u, a late one loses the beginning of each
+pulse, a closed one gives nothing (`ValveBelief`). So each thruster delivers something between two bounds, and
+to allocate a wrench w is to find rates v between them with W v = w (`ValveAllocation`):
+
+1. if there are such, those next to the minimum-norm answer raised by one and the same rate for all, so far
+   that none falls below an idle rate;
+2. otherwise those that give the torque exactly and come nearest to the force;
+3. otherwise those that come nearest to the torque, each axis by its own authority, and then to the force.
+
+The first case has a closed form where that meets the bounds; the rest are small quadratic programs (DAQP).
+How much authority bounds leave is measured by the largest ball of wrenches that they allow (`authority`):
+eight thrusters that just suffice for six directions lose it all when one of them is closed, and keep some
+when it is stuck half open.
+
+Left out: the shared feed, the shortest pulse, thrusters that are slow, and the time that a pulse takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thruster_baselines.mapping.model import require_command_shape, require_finite_command
+from thruster_envs.configuration import require
+from thruster_envs.protocols import BoolArray, FloatArray
+
+__all__ = ["ValveAllocation", "ValveBelief", "authority"]
+
+_ROUND_OFF = 1e-9  # open rates over a bound by less than this are within it
+_OPTIMAL = 1  # DAQP's exit flag
+_IDLE_WEIGHT = 1e-9  # of the square of an open rate's distance from its preference, beside that of a miss
+_TORQUE_WEIGHT = 1e4  # of the square of a missed torque, beside that of a missed force
+_DEGENERATE = 1e-9  # singular values below this share of the largest are none
+
+
+@dataclass(frozen=True, slots=True)
+class ValveBelief:
+    """What is believed of the valves of a batch: what they deliver when they are told an open rate.
+
+    Attributes:
+        share: (vehicles, n), of its thrust that a thruster gives.
+        lost: (vehicles, n), open rate that a late thruster loses of each pulse.
+        lower: (vehicles, n), the least that a thruster delivers, as an open rate of a sound one.
+        upper: (vehicles, n), the most.
+        hold: (vehicles, n), what a thruster that does not follow is told all the same; no number for others.
+    """
+
+    share: FloatArray
+    lost: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    hold: FloatArray
+
+    @classmethod
+    def sound(cls, vehicles: int, thrusters: int) -> ValveBelief:
+        """So many vehicles on which all is well."""
+        shape = vehicles, thrusters
+        return cls(np.ones(shape), np.zeros(shape), np.zeros(shape), np.ones(shape), np.full(shape, np.nan))
+
+    def trust(self, mask: BoolArray | int) -> None:
+        """All is well on the vehicles of a mask (vehicles,) or of an index."""
+        self.share[mask], self.lost[mask] = 1.0, 0.0
+        self.lower[mask], self.upper[mask], self.hold[mask] = 0.0, 1.0, np.nan
+
+    def blame(
+        self, vehicle: int, thruster: int, kind: str, severity: float, *, period: float, idle: float = 0.1
+    ) -> None:
+        """Believe in one fault of a vehicle, and that all else on it is well.
+
+        A thruster that does not follow is told what it delivers, or the idle rate if that is more: who knows
+        only what is told then expects what comes, and whoever is blamed without reason does no harm.
+
+        Args:
+            vehicle: Its index.
+            thruster: Its number, from 1.
+            kind: As in `thruster_envs.faults`; a slow thruster delivers all that it is told.
+            severity: Of that kind.
+            period: s, of control: an opening that is as late loses the pulse.
+            idle: Open rate.
+
+        >>> belief = ValveBelief.sound(1, 2)
+        >>> belief.blame(0, 2, "leak", 0.3, period=0.1)
+        >>> belief.delivered([[0.1, 0.1]])
+        array([[0.1, 0.3]])
+        """
+        self.trust(vehicle)
+        at = vehicle, thruster - 1
+        if kind == "stuck_on":
+            self.lower[at] = self.upper[at] = severity
+            self.hold[at] = max(severity, idle)
+        elif kind == "stuck_off":
+            self.lower[at] = self.upper[at] = 0.0
+            self.hold[at] = idle
+        elif kind == "leak":
+            self.lower[at] = severity
+        elif kind == "loss":
+            self.share[at] = self.upper[at] = 1.0 - severity
+        elif kind == "late_opening":
+            self.lost[at] = min(severity / period, 1.0)
+            self.upper[at] = 1.0 - self.lost[at]
+        elif kind != "slow_opening":
+            raise ValueError(
+                f"kind is {kind!r}; stuck_on, stuck_off, leak, loss, late_opening or slow_opening would be "
+                "right"
+            )
+
+    def close(self, vehicle: int, thruster: int) -> None:
+        """The isolation valve of a thruster, from 1, is closed: it delivers nothing and is told nothing."""
+        at = vehicle, thruster - 1
+        self.lower[at] = self.upper[at] = self.hold[at] = 0.0
+
+    def commands(self, delivered: FloatArray) -> FloatArray:
+        """(vehicles, n) open rates to tell for those to be delivered."""
+        told = np.divide(delivered, self.share, out=np.zeros_like(delivered), where=self.share > 0.0)
+        told = np.where(delivered > _ROUND_OFF, told + self.lost, 0.0)
+        return np.asarray(np.clip(np.where(np.isnan(self.hold), told, self.hold), 0.0, 1.0))
+
+    def delivered(self, commands: ArrayLike) -> FloatArray:
+        """(vehicles, n) open rates of sound thrusters that commands come to."""
+        given = self.share * np.maximum(np.asarray(commands, np.float64) - self.lost, 0.0)
+        return np.asarray(np.clip(given, self.lower, self.upper))
+
+
+def authority(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
+    """Radius of the largest ball of wrenches about none that thrusters can give, each axis by its authority.
+
+    The authority of an axis is the largest wrench about or along it alone that the thrusters of a vehicle in
+    balance can give: half of the sum of what each gives at most. The wrenches that bounds allow are a
+    zonotope; the nearest of its facets is found among those that any m - 1 of its n generators span.
+
+    Args:
+        wrenches: (m, n), of thrusters that are fully open.
+        lower: (n,), least open rate that each delivers.
+        upper: (n,), most.
+
+    Returns:
+        Zero, or less, if not even no wrench can be given in the middle of others.
+
+    >>> authority([[1.0, -1.0]], [0.0, 0.0], [1.0, 1.0]), authority([[1.0, -1.0]], [0.0, 0.2], [1.0, 1.0])
+    (1.0, 0.8)
+    """
+    given = np.asarray(wrenches, np.float64)
+    columns = given / (0.5 * np.abs(given).sum(axis=1, keepdims=True))
+    least, most = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+    moving = np.flatnonzero(most - least > _ROUND_OFF)
+    axes = given.shape[0]
+    if moving.size == 0 or np.linalg.matrix_rank(columns[:, moving], tol=_DEGENERATE) < axes:
+        return 0.0
+    nearest = np.inf
+    for chosen in combinations(moving, axes - 1):
+        normals, sizes, _ = np.linalg.svd(columns[:, chosen])
+        if axes > 1 and sizes[-1] < _DEGENERATE * sizes[0]:
+            continue  # these span no facet
+        along = normals[:, -1] @ columns
+        for side in (along, -along):
+            nearest = min(nearest, float(np.maximum(side * least, side * most).sum()))
+    return nearest
+
+
+class ValveAllocation:
+    """Maps wrenches to the open rates that thrusters between bounds have to deliver.
+
+    Args:
+        wrenches: (6, n), N and N m, of thrusters that are fully open: `Spacecraft.wrenches()`.
+
+    >>> from thruster_envs.spacecraft import load
+    >>> chaser = load("msr_chaser")
+    >>> belief = ValveBelief.sound(1, 8)
+    >>> belief.blame(0, 3, "stuck_on", 0.4, period=chaser.control_period)
+    >>> wrench = [[3.0, 0.0, 0.0, 0.5, 0.0, 0.0]]
+    >>> rates = ValveAllocation(chaser.wrenches())(wrench, belief.lower, belief.upper)
+    >>> (chaser.wrenches() @ rates[0]).round(6) + 0.0, float(rates[0, 2])
+    (array([3. , 0. , 0. , 0.5, 0. , 0. ]), 0.4)
+    """
+
+    def __init__(self, wrenches: ArrayLike) -> None:
+        self.wrenches: FloatArray = np.array(wrenches, np.float64)
+        require(
+            self.wrenches.ndim == 2 and self.wrenches.shape[0] == 6,
+            "wrenches: shape",
+            self.wrenches.shape,
+            "(6, n)",
+        )
+        self.inverse: FloatArray = np.asarray(np.linalg.pinv(self.wrenches), np.float64)
+        self._n = self.wrenches.shape[1]
+        self._null = _null_space(self.wrenches)
+        self._together: FloatArray = self._null @ self._null.sum(axis=0)  # what of all of them does nothing
+        size = 0.5 * np.abs(self.wrenches).sum(axis=1)
+        self._force = self.wrenches[:3] / size[:3].max()  # of the same unit on all axes: nearest in N
+        self._force_size = float(size[:3].max())
+        torque = self.wrenches[3:]
+        self._torque_inverse: FloatArray = np.asarray(np.linalg.pinv(torque), np.float64)
+        self._free = _null_space(torque)  # what turns nothing
+        pushed = self._force @ self._free
+        self._free_hessian = pushed.T @ pushed + _IDLE_WEIGHT * np.eye(self._free.shape[1])
+        self._torque, self._torque_size = torque / size[3:, np.newaxis], size[3:]
+        self._hessian = (
+            self._force.T @ self._force
+            + _TORQUE_WEIGHT * self._torque.T @ self._torque
+            + _IDLE_WEIGHT * np.eye(self._n)
+        )
+
+    def __call__(
+        self, wrench: ArrayLike, lower: ArrayLike, upper: ArrayLike, *, idle: ArrayLike = 0.1
+    ) -> FloatArray:
+        """(vehicles, n) open rates, of sound thrusters, for wrenches (vehicles, 6), N and N m, body axes.
+
+        Args:
+            wrench: (vehicles, 6).
+            lower: (vehicles, n), least that each thruster delivers.
+            upper: (vehicles, n), most; where it is the same, nothing is left to choose.
+            idle: Open rate below which none falls without need: one number, or (vehicles, 1).
+
+        Raises:
+            ValueError: A wrench that is no number; bounds of a wrong shape, or crossed.
+        """
+        wanted = np.asarray(wrench, np.float64)
+        require_command_shape(wanted, 6)
+        require_finite_command(wanted)
+        least, most = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+        shape = wanted.shape[0], self._n
+        for name, bound in (("lower", least), ("upper", most)):
+            require(bound.shape == shape, f"{name}: shape", bound.shape, str(shape))
+        if not (least <= most).all():
+            vehicle, thruster = np.argwhere(~(least <= most))[0]
+            raise ValueError(
+                f"lower is {least[vehicle, thruster]} of vehicle {vehicle}, thruster {thruster + 1}; no more "
+                f"than upper, which is {most[vehicle, thruster]}, would be right"
+            )
+        smallest = wanted @ self.inverse.T
+        raised = np.asarray(idle, np.float64) - smallest.min(axis=1, keepdims=True)
+        rates = smallest + np.maximum(raised, 0.0) * self._together
+        outside = ((rates < least - _ROUND_OFF) | (rates > most + _ROUND_OFF)).any(axis=1)
+        for vehicle in np.flatnonzero(outside):
+            rates[vehicle] = self._within(wanted[vehicle], rates[vehicle], least[vehicle], most[vehicle])
+        return np.asarray(np.clip(rates, least, most))
+
+    def _within(
+        self, wanted: FloatArray, rates: FloatArray, least: FloatArray, most: FloatArray
+    ) -> FloatArray:
+        """(n,) rates within their bounds; `rates` (n,) are those of the first choice without bounds."""
+        first = _nearest(
+            np.eye(self._null.shape[1]), np.zeros(self._null.shape[1]), self._null, rates, least, most
+        )
+        if first is not None:
+            return first
+        turning = self._torque_inverse @ wanted[3:]
+        turning += self._free @ (self._free.T @ (rates - turning))
+        missed = self._force @ turning - wanted[:3] / self._force_size
+        second = _nearest(
+            self._free_hessian, (self._force @ self._free).T @ missed, self._free, turning, least, most
+        )
+        if second is not None:
+            return second
+        gradient = self._force.T @ (self._force @ rates - wanted[:3] / self._force_size)
+        gradient += _TORQUE_WEIGHT * self._torque.T @ (self._torque @ rates - wanted[3:] / self._torque_size)
+        third = _nearest(self._hessian, gradient, np.eye(self._n), rates, least, most)
+        return np.clip(rates, least, most) if third is None else third
+
+
+def _nearest(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    directions: FloatArray,
+    start: FloatArray,
+    least: FloatArray,
+    most: FloatArray,
+) -> FloatArray | None:
+    """`start + directions z` within bounds with the least z H z / 2 + g z; None if there are none."""
+    import daqp  # only here: sound thrusters need no solver
+
+    steps, _, flag, _ = daqp.solve(
+        hessian, gradient, np.ascontiguousarray(directions), most - start, least - start,
+        np.zeros(start.size, np.int32),
+    )  # fmt: skip
+    return None if flag != _OPTIMAL else start + directions @ steps
+
+
+def _null_space(matrix: FloatArray) -> FloatArray:
+    """(n, k), orthonormal: what a matrix makes nothing of."""
+    _, sizes, rows = np.linalg.svd(matrix)
+    rank = int((sizes > _DEGENERATE * sizes[0]).sum())
+    return np.ascontiguousarray(rows[rank:].T)
