@@ -103,27 +103,40 @@ class ApproachController:
         """
         seen = np.asarray(observation, np.float64)
         rows = seen.reshape(-1, seen.shape[-1])
+        wanted = self.acceleration(rows, reference)
+        return self.wrench_for(rows, wanted).reshape(*seen.shape[:-1], 6)
+
+    def acceleration(
+        self, rows: FloatArray, reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
+        """(rows, 3) to ask for, m/s^2, LVLH; arguments as of `wrench`, for observations (rows, m)."""
         law, n = self.settings, self.spacecraft.mean_motion
-        period, a, z = self.spacecraft.control_period, law.translation, law.rotation
+        a = law.translation
         position, velocity = self.position(rows), _VELOCITY * rows[:, 6:9]
         if reference is None:
             age = self.navigation_delay
+            period = self.spacecraft.control_period
             reference = self.reference(period * np.maximum(self.elapsed(rows) - age, 0.0))
         along, speed, acceleration = reference
-        wanted = -a * a * position - 2.0 * law.damping * a * velocity
+        wanted: FloatArray = -a * a * position - 2.0 * law.damping * a * velocity
         wanted[:, 1] += a * a * along + 2.0 * law.damping * a * speed + acceleration
         wanted[:, 0] -= 2.0 * n * velocity[:, 1] + 3.0 * n * n * position[:, 0]
         wanted[:, 1] += 2.0 * n * velocity[:, 0]
         wanted[:, 2] += n * n * position[:, 2]
+        return wanted
+
+    def wrench_for(self, rows: FloatArray, acceleration: FloatArray) -> FloatArray:
+        """(rows, 6), N and N m, body axes: for an acceleration (rows, 3), LVLH, and the attitude law."""
+        law, z = self.settings, self.settings.rotation
         angle, spin = _ANGLE * rows[:, 9:12], _RATE * rows[:, 12:15]
         result = np.empty((rows.shape[0], 6))
         for row in range(rows.shape[0]):
             # The observed attitude error is minus twice the vector part of the quaternion.
             vector = -0.5 * angle[row]
             turned = np.concatenate([[np.sqrt(max(0.0, 1.0 - float(vector @ vector)))], vector])
-            result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (_AXES @ wanted[row]))
+            result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (_AXES @ acceleration[row]))
         result[:, 3:] = -(z * z * angle + 2.0 * law.damping * z * spin) @ self._inertia
-        return result.reshape(*seen.shape[:-1], 6)
+        return result
 
     def position(self, rows: FloatArray) -> FloatArray:
         """(rows, 3) measured relative position, m, LVLH, of observations (rows, m)."""
