@@ -27,7 +27,7 @@ __all__ = ["ApproachController", "ApproachSettings"]
 _NEAR, _VELOCITY, _ANGLE, _RATE, _BOUND = 1.0, 0.1, 0.1, 0.02, 5.0  # what 1 stands for; where it is clipped
 _TIME = 15  # time to go
 #: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
-_AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 #: Turns an attitude against that of the approach (rows, 4) into one from LVLH.
 _FROM_LVLH = np.array([product(unit, np.array([0.5, 0.5, 0.5, -0.5])) for unit in np.eye(4)])
 
@@ -134,7 +134,7 @@ class ApproachController:
             # The observed attitude error is minus twice the vector part of the quaternion.
             vector = -0.5 * angle[row]
             turned = np.concatenate([[np.sqrt(max(0.0, 1.0 - float(vector @ vector)))], vector])
-            result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (_AXES @ acceleration[row]))
+            result[row, :3] = self.spacecraft.mass * (rotation_matrix(turned) @ (AXES @ acceleration[row]))
         result[:, 3:] = -(z * z * angle + 2.0 * law.damping * z * spin) @ self._inertia
         return result
 

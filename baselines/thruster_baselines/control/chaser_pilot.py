@@ -27,7 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.control.approach import ApproachController, ApproachSettings
+from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
+from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority
 from thruster_baselines.detection.residuals import BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
@@ -36,6 +37,7 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["ChaserDecision", "ChaserPilot", "RecoverySettings"]
 
 _ANGLE, _RATE, _VELOCITY, _BOUND = 0.1, 0.02, 0.1, 5.0  # what 1 of an observation stands for; where it ends
+_ALPHA, _BETA = 0.3, 0.05  # of the filter of the observed velocity
 _FACING = np.array([0.5, 0.5, 0.5, -0.5])  # attitude of the approach, body from LVLH
 _OPENED = "stuck_on"  # what a detector that cannot identify looks for
 
@@ -56,6 +58,14 @@ class RecoverySettings:
         lateral_speed: Across the approach, at the gate, m/s.
         angle: From the attitude of the approach, at the gate, rad.
         spin: Body rate against LVLH, at the gate, rad/s.
+        least_authority: Share of every axis' authority below which a thruster is rather closed, where there
+            is no spare branch.
+        swing: How long alarms after a re-allocation are taken for the swing of a filter that did not know of
+            the fault, s.
+        straight: Cosine of the angle from straight back up to which a retreat stays in the corridor.
+        commitment: Distance from the target below which an approach that has lost authority goes on, if a
+            retreat would not be straight, m.
+        late_commitment: The same if it would be, m.
         mouth: Half-width of the corridor at the target, m.
         widening: Tangent of the angle by which it widens.
         corridor_share: Share of the half-width from which on the approach is given up.
@@ -72,6 +82,11 @@ class RecoverySettings:
     lateral_speed: float = 0.015
     angle: float = 0.044
     spin: float = 0.0075
+    least_authority: float = 0.02
+    swing: float = 10.0
+    straight: float = 0.95
+    commitment: float = 2.3
+    late_commitment: float = 0.5
     mouth: float = 0.25
     widening: float = 0.176
     corridor_share: float = 0.8
@@ -155,6 +170,9 @@ class ChaserPilot:
         self._n, self._period = spacecraft.number_of_thrusters, spacecraft.control_period
         self._motion, self._nominal = spacecraft.mean_motion, spacecraft.effectiveness()
         self._wrenches = spacecraft.wrenches()
+        self._push = AXES.T @ self._wrenches[:3] / spacecraft.mass  # m/s^2, LVLH
+        self._spare = spacecraft.spare_branch
+        self._allocation = ValveAllocation(self._wrenches)
         n, count = self._n, vehicles
         self._vehicles = count
         self.statistic: FloatArray = np.zeros(count)
@@ -165,11 +183,15 @@ class ChaserPilot:
         self.branch: BoolArray = np.zeros(count, np.bool_)
         self.retreating: BoolArray = np.zeros(count, np.bool_)
         self._closed: BoolArray = np.zeros((count, n), np.bool_)
-        self._inverse: FloatArray = np.zeros((count, n, 6))
-        self._together: FloatArray = np.ones((count, n))  # open rates that do nothing together
+        self._belief = ValveBelief.sound(count, n)
+        self._blamed: IntArray = np.zeros(count, np.int64)  # the thruster that is taken for faulty, from 1
+        self._limited: BoolArray = np.zeros(count, np.bool_)  # whether authority is lost
+        self._away: FloatArray = np.zeros((count, 3))  # where a retreat without authority goes, LVLH
+        # What a filter that knows of the fault sees beyond the one of the observations: m, m/s, LVLH.
+        self._unseen: FloatArray = np.zeros((count, 6))
         self._alarm: FloatArray = np.full(count, np.inf)  # of the alarm that is being looked into
         self._begin: FloatArray = np.zeros((count, 3))  # of the retreat: time, position, velocity
-        self._changed: FloatArray = np.full(count, np.inf)  # when the branch was
+        self._changed: FloatArray = np.full(count, np.inf)  # when the branch was, or what is believed
         self._fresh: BoolArray = np.ones(count, np.bool_)  # whether the detector has only just begun
         self._due: dict[int, str] = {}  # who goes over to branch B in the next period, and why
         self._elapsed: FloatArray = np.zeros(count)
@@ -194,7 +216,7 @@ class ChaserPilot:
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Actions (..., 2 n + 1), -1 to 1, for observations (..., m) of all vehicles."""
         seen = np.asarray(observation, np.float64)
-        rows = seen.reshape(-1, seen.shape[-1])
+        rows = seen.reshape(-1, seen.shape[-1]).copy()
         if rows.shape[0] != self._vehicles:
             raise ValueError(f"observation has {rows.shape[0]} rows; {self._vehicles} would be right")
         elapsed = self.controller.elapsed(rows)
@@ -202,10 +224,14 @@ class ChaserPilot:
         if again.any():
             self.reset(again)
         self._elapsed = elapsed
-        for vehicle, reason in self._due.items():
-            self._go_over(vehicle, reason)
-        self._due.clear()
+        self._see_through(rows)
         position, velocity = self.controller.position(rows), _VELOCITY * rows[:, 6:9]
+        for vehicle, reason in self._due.items():
+            if self._spare:
+                self._go_over(vehicle, reason)
+            elif not self.retreating[vehicle]:
+                self._give_up(vehicle, reason, position[vehicle, 1], velocity[vehicle, 1])
+        self._due.clear()
         self._diagnose(rows, position, velocity)
         self._guard(rows, position, velocity)
         along, speed, acceleration = self.controller.reference(
@@ -217,20 +243,51 @@ class ChaserPilot:
                 np.where(self.retreating, theirs, ours)
                 for theirs, ours in zip(back, (along, speed, acceleration), strict=True)
             )
-        rates = self._open_rates(self.controller.wrench(rows, (along, speed, acceleration)))
-        n = self._n
-        actions = np.full((rows.shape[0], 2 * n + 1), -1.0, np.float32)
+        wanted = self.controller.acceleration(rows, (along, speed, acceleration))
+        if self._limited.any():
+            wanted[self._limited] = self._make_do(wanted, velocity)[self._limited]
+        rates = self._open_rates(self.controller.wrench_for(rows, wanted))
+        n, size = self._n, 2 * self._n + int(self._spare)
+        actions = np.full((rows.shape[0], size), -1.0, np.float32)
         actions[:, :n] = 2.0 * np.where(self._closed, 0.0, rates) - 1.0
         actions[:, n : 2 * n][self._closed] = 1.0
-        actions[self.branch, 2 * n] = 1.0
-        return actions.reshape(*seen.shape[:-1], 2 * n + 1)
+        if self._spare:
+            actions[self.branch, 2 * n] = 1.0
+        return actions.reshape(*seen.shape[:-1], size)
 
     def _open_rates(self, wrench: FloatArray) -> FloatArray:
         """(vehicles, n) open rates of thrusters as they are believed to be."""
-        rates = np.einsum("vij,vj->vi", self._inverse, wrench)
-        idle = self.controller.settings.idle
-        shift = ((idle - rates) / self._together).max(axis=1, keepdims=True)
-        return np.asarray(np.clip(rates + np.maximum(shift, 0.0) * self._together, 0.0, 1.0))
+        belief, idle = self._belief, self.controller.settings.idle
+        return belief.commands(self._allocation(wrench, belief.lower, belief.upper, idle=idle))
+
+    def _see_through(self, rows: FloatArray) -> None:
+        """Put right the velocities of observations, whose filter expects what nominal thrusters give."""
+        if len(self._commands) < self.controller.navigation_delay or not self._blamed.any():
+            return
+        told, period = self._commands[0], self._period
+        change = period * (self._belief.delivered(told) - told) @ self._push.T
+        change[self._blamed == 0] = 0.0
+        place, speed = self._unseen[:, :3], self._unseen[:, 3:]
+        ahead = place + period * (speed + 0.5 * change)
+        self._unseen[:, :3] = (1.0 - _ALPHA) * ahead
+        self._unseen[:, 3:] += change - _BETA / period * ahead
+        rows[:, 6:9] += self._unseen[:, 3:] / _VELOCITY
+
+    def _make_do(self, wanted: FloatArray, velocity: FloatArray) -> FloatArray:
+        """(vehicles, 3) accelerations, m/s^2, LVLH, of who has lost authority; `wanted` for all others.
+
+        A retreat asks for a velocity, wherever it leads. Who is too near for one asks for what the approach
+        does across, and along-track for nothing as long as the speed will do.
+        """
+        law, gains = self.recovery, self.controller.settings
+        rate = 2.0 * gains.damping * gains.translation
+        back = rate * (law.retreat_speed * self._away - velocity)
+        size = np.linalg.norm(back, axis=1, keepdims=True)
+        back *= law.retreat_acceleration / np.maximum(size, law.retreat_acceleration)
+        on = wanted.copy()
+        speed = velocity[:, 1]
+        on[:, 1] = rate * (np.clip(speed, 0.5 * gains.contact_speed, gains.speed) - speed)
+        return np.where(self.retreating[:, np.newaxis], back, on)
 
     def _diagnose(self, rows: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
         """Let the detector see the sample that has come, and recover where it names a thruster."""
@@ -243,28 +300,30 @@ class ChaserPilot:
         attitude, rate = self._turned(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh
-        told = np.where(self._fresh[:, np.newaxis], 0.0, self._commands[0])
+        told = np.where(self._fresh[:, np.newaxis], 0.0, self._belief.delivered(self._commands[0]))
         self._fresh[:] = False
         diagnosis = detector.update(told, position, attitude, rate, valid=valid)
         self.statistic = diagnosis.statistic
         time = self._period * self._elapsed
-        for vehicle in np.flatnonzero(diagnosis.detected & ~self.branch & np.isinf(self._alarm)):
+        law = self.recovery
+        since = np.where(np.isfinite(self._changed), time - self._changed, np.inf)
+        swinging = diagnosis.detected & (since < np.where(self.branch, law.settling, law.swing))
+        if swinging.any():
+            detector.believe(self._believed(), swinging)
+        detected = diagnosis.detected & ~swinging
+        for vehicle in np.flatnonzero(detected & ~self.branch & np.isinf(self._alarm)):
             self._alarm[vehicle] = time[vehicle]
             self.alarm_time[vehicle] = min(self.alarm_time[vehicle], time[vehicle])
             self._note(int(vehicle), "alarm", 0, "the statistic is above the threshold")
-        fresh = (diagnosis.thruster > 0) & ~self.branch
+        fresh = detected & (diagnosis.thruster > 0) & ~self.branch
         if fresh.any():
             self._name(np.where(fresh, diagnosis.thruster, 0))
-        doubtful = diagnosis.detected & ~self.branch & ~fresh
-        late = time - self._alarm >= self.recovery.doubt_time
-        close = position[:, 1] > -self.recovery.near
+        doubtful = detected & ~self.branch & ~fresh
+        late = time - self._alarm >= law.doubt_time
+        close = (position[:, 1] > -law.near) & self._spare
         for vehicle in np.flatnonzero(doubtful & (late | close)):
             self._due[int(vehicle)] = "an alarm that names nobody" if late[vehicle] else "an alarm close by"
-        settling = time - self._changed < self.recovery.settling
-        swinging = diagnosis.detected & self.branch & settling
-        if swinging.any():
-            detector.believe(self._nominal, swinging)
-        for vehicle in np.flatnonzero(diagnosis.detected & self.branch & ~settling & ~self.retreating):
+        for vehicle in np.flatnonzero(detected & self.branch & ~self.retreating):
             self._give_up(int(vehicle), "an alarm on branch B", position[vehicle, 1], velocity[vehicle, 1])
 
     def _name(self, thruster: IntArray) -> None:
@@ -282,22 +341,66 @@ class ChaserPilot:
             self._recover(int(vehicle), who, kind, size)
 
     def _recover(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
-        share = 1.0 - severity
-        sound = bool((self._together[vehicle] == 1.0).all())
-        if kind == "loss" and share >= self.recovery.kept_share and sound and not self.branch[vehicle]:
-            shares = np.ones(self._n)
-            shares[thruster - 1] = share
-            self._inverse[vehicle] = np.linalg.pinv(self._wrenches * shares)
-            self._together[vehicle] = 1.0 / shares
-            self._alarm[vehicle] = np.inf
-            if self.detector is not None:
-                mask = np.arange(self._vehicles) == vehicle
-                self.detector.believe(self._nominal * shares, mask)
+        """Go on with what the thruster still does, or without it."""
+        if self.branch[vehicle]:
+            return
+        if not self._spare:
+            self._go_on_without_branch(vehicle, thruster, kind, severity)
+        elif kind == "loss" and 1.0 - severity >= self.recovery.kept_share and self._blamed[vehicle] == 0:
+            self._blame(vehicle, thruster, kind, severity)
             self._note(vehicle, "re-allocated", thruster, kind, severity)
-        elif not self.branch[vehicle]:
+        else:
             self._closed[vehicle, thruster - 1] = True
             self._due[vehicle] = "authority is lost"
             self._note(vehicle, "inhibited", thruster, kind, severity)
+
+    def _go_on_without_branch(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
+        """Allocate around the fault if enough authority is left; if not, close the valve.
+
+        One fault at a time is believed in: a name that comes after another one takes its place.
+        """
+        belief = self._belief
+        if self._blamed[vehicle] == thruster:
+            kind, severity = belief.together(vehicle, thruster, kind, severity)
+        self._closed[vehicle] = False
+        self._blame(vehicle, thruster, kind, severity)
+        left = authority(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
+        self._limited[vehicle] = left < self.recovery.least_authority
+        if self._limited[vehicle]:
+            self._closed[vehicle, thruster - 1] = True
+            belief.close(vehicle, thruster)
+            self._away[vehicle] = self._way_back(vehicle)
+            self._expect(vehicle)
+        self._note(
+            vehicle, "inhibited" if self._limited[vehicle] else "re-allocated", thruster, kind, severity
+        )
+
+    def _blame(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
+        """Believe in a fault, and expect what it leaves."""
+        self._belief.blame(
+            vehicle, thruster, kind, severity, period=self._period, idle=self.controller.settings.idle
+        )
+        self._blamed[vehicle] = thruster
+        self._alarm[vehicle] = np.inf
+        self._changed[vehicle] = self._period * self._elapsed[vehicle]
+        self._expect(vehicle)
+
+    def _expect(self, vehicle: int) -> None:
+        if self.detector is not None:
+            self.detector.believe(self._believed(), np.arange(self._vehicles) == vehicle)
+
+    def _believed(self) -> FloatArray:
+        """(vehicles, 6, n) effectiveness: nothing behind valves that are closed."""
+        return self._nominal * ~self._closed[:, np.newaxis, :]
+
+    def _way_back(self, vehicle: int) -> FloatArray:
+        """(3,) direction, LVLH, of the force that is nearest to one straight back, without torque."""
+        one = slice(vehicle, vehicle + 1)
+        wrench = np.zeros((1, 6))
+        wrench[0, 0] = -0.05 * float(np.abs(self._wrenches[0]).sum())
+        rates = self._allocation(wrench, self._belief.lower[one], self._belief.upper[one])[0]
+        push = self._push @ rates
+        return np.asarray(push / max(float(np.linalg.norm(push)), np.finfo(np.float64).tiny))
 
     def _go_over(self, vehicle: int, reason: str) -> None:
         """To branch B, whose thrusters are trusted again."""
@@ -311,8 +414,9 @@ class ChaserPilot:
     def _trust(self, mask: BoolArray) -> None:
         self._closed[mask] = False
         self._fresh[mask] = True
-        self._inverse[mask] = self.controller.inverse
-        self._together[mask] = 1.0
+        self._belief.trust(mask)
+        self._blamed[mask], self._limited[mask] = 0, False
+        self._unseen[mask] = 0.0
         if self.detector is not None:
             self.detector.reset(mask)
 
@@ -327,9 +431,15 @@ class ChaserPilot:
             | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
             | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
         )
-        for vehicle in np.flatnonzero((corridor | (missing & (ahead < law.gate))) & ~self.retreating):
+        straight = -self._away[:, 1] > law.straight
+        far = ahead > np.where(straight, law.late_commitment, law.commitment)
+        for vehicle in np.flatnonzero(self._limited & far & ~self.retreating):
+            self._give_up(int(vehicle), "authority is lost", position[vehicle, 1], velocity[vehicle, 1])
+        committed = self._limited & ~straight
+        ends = (corridor | (missing & (ahead < law.gate))) & ~committed
+        for vehicle in np.flatnonzero(ends & ~self.retreating):
             why = "near the corridor's edge" if corridor[vehicle] else "outside of the tolerances of capture"
-            if not self.branch[vehicle]:
+            if self._spare and not self.branch[vehicle]:
                 self._due.setdefault(int(vehicle), why)
             self._give_up(int(vehicle), why, position[vehicle, 1], velocity[vehicle, 1])
 

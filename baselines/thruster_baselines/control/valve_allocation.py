@@ -74,7 +74,8 @@ class ValveBelief:
         """Believe in one fault of a vehicle, and that all else on it is well.
 
         A thruster that does not follow is told what it delivers, or the idle rate if that is more: who knows
-        only what is told then expects what comes, and whoever is blamed without reason does no harm.
+        only what is told then expects what comes, and whoever is blamed without reason does no harm. What it
+        was told before it goes on being told.
 
         Args:
             vehicle: Its index.
@@ -89,11 +90,12 @@ class ValveBelief:
         >>> belief.delivered([[0.1, 0.1]])
         array([[0.1, 0.3]])
         """
-        self.trust(vehicle)
         at = vehicle, thruster - 1
+        held = float(self.hold[at])
+        self.trust(vehicle)
         if kind == "stuck_on":
             self.lower[at] = self.upper[at] = severity
-            self.hold[at] = max(severity, idle)
+            self.hold[at] = held if held > 0.0 else max(severity, idle)
         elif kind == "stuck_off":
             self.lower[at] = self.upper[at] = 0.0
             self.hold[at] = idle
@@ -109,6 +111,23 @@ class ValveBelief:
                 f"kind is {kind!r}; stuck_on, stuck_off, leak, loss, late_opening or slow_opening would be "
                 "right"
             )
+
+    def together(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
+        """Kind and severity of a fault and what is believed of a thruster, from 1, already.
+
+        >>> belief = ValveBelief.sound(1, 2)
+        >>> belief.blame(0, 2, "loss", 0.5, period=0.1)
+        >>> belief.together(0, 2, "loss", 0.5)
+        ('loss', 0.75)
+        """
+        at = vehicle, thruster - 1
+        if self.hold[at] > 0.0:  # it is told one and the same, and whatever comes is a constant
+            now = float(self.lower[at])
+            level = {"stuck_on": severity, "leak": max(now, severity), "loss": now * (1.0 - severity)}
+            return "stuck_on", level.get(kind, 0.0 if kind == "stuck_off" else now)
+        if kind == "loss":
+            return kind, 1.0 - float(self.share[at]) * (1.0 - severity)
+        return kind, severity
 
     def close(self, vehicle: int, thruster: int) -> None:
         """The isolation valve of a thruster, from 1, is closed: it delivers nothing and is told nothing."""
