@@ -145,6 +145,47 @@ def test_a_failed_thruster_is_marked_in_the_view_and_under_its_bar(renderer, num
     assert np.ptp(columns) < 30
 
 
+@pytest.mark.parametrize("number", [1, 12])
+def test_a_closed_valve_is_crossed_out_on_its_bar_and_named_with_the_craft(renderer, number):
+    valves = np.arange(THRUSTERS) == number - 1
+    still = {"duties": duties(), "thrust": duties()}
+    changed = (
+        renderer.frame(scene(craft(**still))) != renderer.frame(scene(craft(shut=valves, **still)))
+    ).any(-1)
+    start, end = 55, 936
+    columns = np.flatnonzero(changed[420:].any(axis=0))
+    assert columns.mean() == pytest.approx(start + (number - 0.5) * (end - start) / THRUSTERS, abs=4)
+    assert np.ptp(columns) <= 32
+    assert changed[60:90, 300:437].any()
+    changed[420:] = changed[60:90, :437] = False
+    assert not changed.any()
+
+
+def test_the_corridor_is_drawn_on_both_sides_of_the_way_and_inside_of_the_plots(renderer):
+    path = np.stack([np.zeros(9), np.linspace(-4, -1, 9), np.zeros(9)], axis=1)
+    still = craft(path=path, position=path[-1])
+    plain = renderer.frame(scene(still))[92:368]
+    drawn = renderer.frame(scene(still, corridor=[(-50.0, 9.0), (0.0, 0.2)]))[92:368]
+    rows, columns = np.nonzero((plain != drawn).any(axis=-1))
+    assert len(rows) > 200
+    assert columns.min() > 480
+    assert columns.max() < 940
+    for plot in (rows[rows < 132], rows[rows > 144] - 144):
+        assert (plot < 66).sum() == pytest.approx((plot > 66).sum(), rel=0.1)
+
+
+def test_the_planet_below_is_blue_for_the_earth_and_red_for_mars_whatever_was_drawn_before(renderer):
+    chaser = load("msr_chaser")
+    over_mars = CraftScene(attitude=[1, 0, 0, 0], duties=np.zeros(8), thrust=np.zeros(8), faulty=np.zeros(8))
+    for vehicle, one, more, less in (
+        (ORION, craft(), 2, 0),
+        (chaser, over_mars, 0, 2),
+        (ORION, craft(), 2, 0),
+    ):
+        ground = renderer.frame(scene(one, spacecraft=vehicle))[380:398, 150:330].reshape(-1, 3).mean(axis=0)
+        assert ground[more] > 1.5 * ground[less]
+
+
 @pytest.mark.parametrize("number", [1, 5, 8])
 def test_a_plume_grows_with_the_thrust(renderer, number):
     areas = []

@@ -22,6 +22,7 @@ GOOD = {
         ({"attitude": np.zeros(4)}, "must be a quaternion"),
         ({"thrust": np.zeros(11)}, r"thrust has shape \(11,\), it must be \(12,\)"),
         ({"faulty": np.zeros(11)}, r"faulty has shape \(11,\), it must be \(12,\)"),
+        ({"shut": np.zeros(11)}, r"shut has shape \(11,\), it must be \(12,\)"),
         ({"position": (0.0, np.nan, 0.0)}, "position is .*nan.*finite"),
         ({"target": (0.0, np.inf, 0.0)}, "target is .*inf.*finite"),
         ({"path": np.zeros((5, 2))}, r"path has shape \(5, 2\), it must be \(5, 3\)"),
@@ -43,6 +44,8 @@ def test_a_craft_that_does_not_fit_is_refused(changes, message):
             "number 1 has 12 duties, it must have 7",
         ),
         ({"time": np.nan}, "time is nan"),
+        ({"corridor": np.zeros((2, 3))}, r"Scene.corridor has shape \(2, 3\), it must be \(2, 2\)"),
+        ({"corridor": [(0.0, np.inf)]}, "Scene.corridor is .*inf.*finite"),
         ({"bars": (("x", 0.0, np.nan),)}, "nan.*'x'.*finite"),
     ],
 )

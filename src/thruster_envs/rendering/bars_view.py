@@ -1,7 +1,7 @@
 """Bars of commanded against delivered: duties and thrust of every thruster, rate change of every axis.
 
 A wide dim bar is what was commanded, the narrow bright one on it is what was delivered; red stands for a
-failed thruster.
+failed thruster, a cross for a closed isolation valve.
 """
 
 from __future__ import annotations
@@ -119,6 +119,9 @@ class DutyBars:
                     FAILED if failed else DELIVERED,
                     (middle - narrow / 2, self._bottom - delivered, narrow, delivered),
                 )
+            if craft.shut[index]:
+                for low, high in ((self._top, self._bottom), (self._bottom, self._top)):
+                    canvas.line(COMMANDED_EDGE, (middle - wide / 2, low), (middle + wide / 2, high))
             text = str(index + 1)
             half = canvas.text_width(text, size) / 2
             row = self._bottom + 0.78 * size

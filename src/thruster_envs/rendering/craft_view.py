@@ -59,8 +59,11 @@ BODY_AXES: tuple[Color, ...] = ((255, 190, 92), (112, 218, 150), (160, 158, 255)
 LVLH_AXES: tuple[Color, ...] = ((104, 118, 146),) * 3
 FAILED_PLUME: Color = (255, 96, 72)
 SEEN_THROUGH: Color = (150, 44, 34)  # a failed thruster's plume where the body hides it
-AIR: Color = (70, 140, 230)
-SEA: Color = (13, 26, 50)
+PLANETS: tuple[tuple[float, Color, Color], ...] = (
+    (3.986e14, (70, 140, 230), (13, 26, 50)),  # the Earth
+    (4.283e13, (226, 128, 84), (52, 25, 17)),  # Mars
+)
+"""Gravitational parameter, m^3/s^2, colour of the air, colour of what is below it."""
 
 STARS = 110
 STAR_SEED = 3
@@ -151,8 +154,11 @@ class CraftView:
         }
 
     def draw_static(self) -> None:
-        """What does not change: stars, and the limb of the Earth where it is, below."""
+        """What does not change: stars, and the limb of the planet where it is, below."""
         canvas = self._canvas
+        _, air, ground = min(
+            PLANETS, key=lambda planet: abs(math.log(planet[0] / self._model.gravitational_parameter))
+        )
         left, top, width, height = self._box
         canvas.clip(self._box)
         size = max(1.0, self._layout.scale)
@@ -166,10 +172,10 @@ class CraftView:
         centre = (left + 0.42 * width, top + 0.86 * height + radius)
         thickness = 0.16 * height
         for share in np.linspace(1.0, 0.0, 41).tolist():
-            canvas.circle(blend(PANEL, AIR, 0.32 * (1.0 - share) ** 3), centre, radius + thickness * share)
+            canvas.circle(blend(PANEL, air, 0.32 * (1.0 - share) ** 3), centre, radius + thickness * share)
         for share in np.linspace(0.0, 1.0, 25).tolist():
             canvas.circle(
-                blend(blend(PANEL, AIR, 0.32), SEA, share**0.4), centre, radius - 0.12 * height * share
+                blend(blend(PANEL, air, 0.32), ground, share**0.4), centre, radius - 0.12 * height * share
             )
         canvas.clip(None)
 

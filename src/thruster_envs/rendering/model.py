@@ -71,6 +71,8 @@ class SpacecraftModel:
     """m, length of the plume at full thrust."""
     reach: float
     """m, radius of the sphere that holds everything, full plumes included, whatever the attitude."""
+    gravitational_parameter: float
+    """m^3/s^2, of the planet below."""
 
 
 def build_model(spacecraft: Spacecraft) -> SpacecraftModel:
@@ -109,6 +111,7 @@ def build_model(spacecraft: Spacecraft) -> SpacecraftModel:
         exit_radius=EXIT_RADIUS * size,
         plume_length=plume_length,
         reach=float(np.linalg.norm(extremes, axis=1).max()) + 0.5 * EXIT_RADIUS * size,
+        gravitational_parameter=spacecraft.gravitational_parameter,
     )
 
 

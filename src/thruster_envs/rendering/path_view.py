@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from thruster_envs.rendering.axes import draw_axes, plot_boxes
 from thruster_envs.rendering.canvas import (
+    COMMANDED_EDGE,
     CRAFT,
     FAILED,
     TARGET,
@@ -32,6 +33,7 @@ FloatArray = npt.NDArray[np.float64]
 FINEST = 5.0  # the most that the vertical scale is finer than the horizontal one
 SMALLEST_SPAN = 0.5  # m
 FADING_PIECES = 6
+CORRIDOR: Color = blend(WELL, COMMANDED_EDGE, 0.6)
 OLDEST_SHARE = 0.35  # brightness of the oldest part of the path
 
 
@@ -51,8 +53,8 @@ class PathView:
         for _, _, box in self._plots:
             self._canvas.rectangle(WELL, box, radius=3.0)
 
-    def draw(self, crafts: tuple[CraftScene, ...]) -> None:
-        """Axes, paths, targets and craft."""
+    def draw(self, crafts: tuple[CraftScene, ...], corridor: FloatArray) -> None:
+        """Axes, as much of the corridor (k, 2) as they show, paths, targets and craft."""
         points = np.vstack([np.vstack([craft.path, craft.position, craft.target]) for craft in crafts])
         _, _, across, down = self._plots[0][2]
         intervals = max(2.0, across / (4.2 * self._layout.small_size))
@@ -64,11 +66,12 @@ class PathView:
             vertical = round_limits(low, high, max(2.0, box[3] / (1.9 * self._layout.small_size)))
             below = "along-track, m" if number == len(self._plots) - 1 else ""
             draw_axes(self._canvas, self._layout, box, horizontal, vertical, label, below)
-            self._draw_craft(crafts, axis, box, horizontal, vertical)
+            self._draw_craft(crafts, corridor, axis, box, horizontal, vertical)
 
     def _draw_craft(
         self,
         crafts: tuple[CraftScene, ...],
+        corridor: FloatArray,
         axis: int,
         box: Box,
         horizontal: tuple[float, float, float],
@@ -78,6 +81,11 @@ class PathView:
         scale = np.array([width / (horizontal[1] - horizontal[0]), -height / (vertical[1] - vertical[0])])
         offset = np.array([left, top]) - scale * np.array([horizontal[0], vertical[1]])
         canvas, size = self._canvas, max(0.75, self._layout.scale)
+        if len(corridor) > 1:
+            canvas.clip(box)
+            for side in (-1.0, 1.0):
+                canvas.lines(CORRIDOR, offset + scale * corridor * [1.0, side])
+            canvas.clip(None)
         for number, craft in enumerate(crafts):
             self._draw_path(craft_color(number), offset + scale * craft.path[:, [1, axis]])
         for number, craft in enumerate(crafts):
@@ -108,7 +116,9 @@ class PathView:
             share = OLDEST_SHARE + (1.0 - OLDEST_SHARE) * (piece + 1) / FADING_PIECES
             self._canvas.lines(blend(WELL, color, share), pixels[first : last + 1], width=1.5)
 
-    def draw_legend(self, crafts: tuple[CraftScene, ...], right: float, row: float, room: float) -> None:
+    def draw_legend(
+        self, crafts: tuple[CraftScene, ...], corridor: FloatArray, right: float, row: float, room: float
+    ) -> None:
         """Names of the craft beside their colours, right-aligned; their numbers if that is too long."""
         canvas, size = self._canvas, self._layout.small_size
         several = len(crafts) > 1
@@ -118,6 +128,8 @@ class PathView:
         ]
         if not several:
             entries.append((TARGET, "target", False))
+        if len(corridor) > 1:
+            entries.append((CORRIDOR, "corridor", False))
         dot = 0.26 * size
         if sum(canvas.text_width(name, size) + 6.5 * dot for _, name, _ in entries) > room:
             entries = [

@@ -45,11 +45,15 @@ class Picture:
         canvas.start(self._background(craft_view, path=shows_path))
         self._draw_header(scene)
         first = scene.craft[0]
-        failed = [str(index + 1) for index in np.flatnonzero(first.faulty)]
+        alarms = (("failed", first.faulty), ("shut", first.shut))
         self._caption(
             layout.craft,
             first.name or scene.spacecraft.name,
-            f"failed: {', '.join(failed)}" if failed else "",
+            "; ".join(
+                f"{what}: {', '.join(str(index + 1) for index in np.flatnonzero(which))}"
+                for what, which in alarms
+                if which.any()
+            ),
         )
         craft_view.draw(first)
         if scene.bars:
@@ -60,8 +64,8 @@ class Picture:
             self._curves_view.draw(scene.curves)
         else:
             right, row, room = self._caption(layout.path, "path")
-            self._path_view.draw_legend(scene.craft, right, row, room)
-            self._path_view.draw(scene.craft)
+            self._path_view.draw_legend(scene.craft, scene.corridor, right, row, room)
+            self._path_view.draw(scene.craft, scene.corridor)
         right, row, room = self._caption(layout.duties, "duty in this period")
         draw_legend(canvas, layout, right, row, room)
         self._duty_bars.draw(scene.craft)
@@ -86,12 +90,14 @@ class Picture:
         if self._craft_view is None or self._spacecraft is not spacecraft:
             self._craft_view = CraftView(self._canvas, build_model(spacecraft), self._layout)
             self._spacecraft = spacecraft
+            self._backgrounds.clear()  # they show its planet
         return self._craft_view
 
     def _draw_header(self, scene: Scene) -> None:
         layout, canvas = self._layout, self._canvas
         left, top, width, height = layout.header
-        decimals = 0 if float(scene.spacecraft.control_period).is_integer() else 2
+        period = float(scene.spacecraft.control_period)
+        decimals = next((k for k in range(2) if (10**k * period).is_integer()), 2)
         time = f"{scene.time:.{decimals}f} s"
         label_size, value_size = layout.small_size, layout.value_size
         label_row, value_row = top + 0.26 * height, top + 0.70 * height

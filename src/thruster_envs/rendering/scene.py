@@ -30,6 +30,14 @@ def _no_path() -> FloatArray:
     return np.zeros((0, 3))
 
 
+def _no_valves() -> BoolArray:
+    return np.zeros(0, np.bool_)
+
+
+def _no_corridor() -> FloatArray:
+    return np.zeros((0, 2))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CraftScene:
     """One craft at one moment; array-likes are accepted and kept as arrays of their own.
@@ -45,6 +53,8 @@ class CraftScene:
     """(n,) delivered share of the nominal thrust, its mean over the period, 0..1; drawn as a plume."""
     faulty: BoolArray
     """(n,) whether the thruster is marked as failed."""
+    shut: BoolArray = field(default_factory=_no_valves)
+    """(n,) whether its isolation valve is closed; left out, none is."""
     position: FloatArray = field(default_factory=_origin)
     """(3,) m, LVLH: x radial, y along-track, z cross-track."""
     path: FloatArray = field(default_factory=_no_path)
@@ -68,12 +78,14 @@ class CraftScene:
             object.__setattr__(self, name, _finite(name, getattr(self, name), shape))
         path = np.asarray(self.path, dtype=np.float64)
         object.__setattr__(self, "path", _finite("path", path, (len(path) if path.ndim else 0, 3)))
-        faulty = np.array(self.faulty, dtype=np.bool_)
-        if faulty.shape != (thrusters,):
-            raise ValueError(
-                f"CraftScene.faulty has shape {faulty.shape}, it must be {(thrusters,)} like duties"
-            )
-        object.__setattr__(self, "faulty", faulty)
+        shut = self.shut if np.size(self.shut) else np.zeros(thrusters)
+        for name, value in (("faulty", self.faulty), ("shut", shut)):
+            marks = np.array(value, dtype=np.bool_)
+            if marks.shape != (thrusters,):
+                raise ValueError(
+                    f"CraftScene.{name} has shape {marks.shape}, it must be {(thrusters,)} like duties"
+                )
+            object.__setattr__(self, name, marks)
         if not np.any(self.attitude):
             raise ValueError(
                 "CraftScene.attitude is [0, 0, 0, 0], it must be a quaternion, (1, 0, 0, 0) for none"
@@ -110,7 +122,7 @@ class Scene:
     """One moment of an episode, ready to be drawn.
 
     Raises ``ValueError`` if there is no craft, if a craft's arrays do not have one entry per thruster of the
-    spacecraft, or if a bar is not finite.
+    spacecraft, or if a bar or the corridor is not finite.
     """
 
     spacecraft: Spacecraft
@@ -130,6 +142,8 @@ class Scene:
     """If given, and no bars, they stand in place of the path."""
     curves_name: str = ""
     """What the curves are of."""
+    corridor: FloatArray = field(default_factory=_no_corridor)
+    """(k, 2) m: along-track position and half-width of the corridor that the path should stay in."""
 
     def __post_init__(self) -> None:
         """Check that the craft belong to the spacecraft."""
@@ -142,6 +156,9 @@ class Scene:
                     f"Scene.craft number {number} has {craft.duties.size} duties, "
                     f"it must have {thrusters}: one per thruster of {self.spacecraft.name!r}"
                 )
+        corridor = np.asarray(self.corridor, dtype=np.float64)
+        shape = (len(corridor) if corridor.ndim else 0, 2)
+        object.__setattr__(self, "corridor", _finite("corridor", corridor, shape, "Scene"))
         if not np.isfinite(self.time):
             raise ValueError(f"Scene.time is {self.time}, it must be a finite number of seconds")
         for label, commanded, delivered in self.bars:

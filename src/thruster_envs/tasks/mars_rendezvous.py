@@ -334,6 +334,12 @@ class MarsRendezvous(Task):
 
 
 @njit
+def corridor_half_width(along):
+    """How far off the V-bar the corridor reaches, m, at an along-track position, m."""
+    return _MOUTH + _WIDENING * max(0.0, -along)
+
+
+@njit
 def _length(v):
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
@@ -462,7 +468,7 @@ def _judge(data, limits, sights, estimate, account, first, last):
         offset = math.sqrt(r[0] * r[0] + r[2] * r[2])
         across = math.sqrt(v[0] * v[0] + v[2] * v[2])
         distance = _length(r)
-        free = _MOUTH + _WIDENING * max(0.0, -r[1])
+        free = corridor_half_width(r[1])
         captured = (
             r[1] >= 0.0
             and offset <= limits[_OFFSET_LIMIT]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
 from thruster_envs.tasks.fault_diagnosis import DiagnosisState
 from thruster_envs.tasks.formation_attitude import FormationAttitudeState, turn_of
 from thruster_envs.tasks.formation_keeping import FormationState
+from thruster_envs.tasks.mars_rendezvous import ApproachState, MarsRendezvous, corridor_half_width
 from thruster_envs.tasks.pulse_diagnosis import CASES, PulseDiagnosis, PulseState, peak_current
 from thruster_envs.tasks.thruster_mapping import MappingState
 from thruster_envs.views.worlds import Worlds
@@ -98,6 +101,8 @@ class Camera:
         discharge = task.vehicle.discharge
         firing = period if discharge is None else discharge.firing_time
         own = task.first_commanded
+        approach = worlds.state if isinstance(worlds.state, ApproachState) else None
+        valves = fleet.read(fleet.layout.inhibited, n)[world] > 0.0 if approach is not None else None
         craft = tuple(
             CraftScene(
                 position=fleet.read(at.POSITION, 3)[world, c],
@@ -105,6 +110,7 @@ class Camera:
                 duties=np.clip(fleet.read(fleet.layout.duties, n)[world, c], 0.0, 1.0),
                 thrust=np.clip(fleet.read(fleet.layout.delivered, n)[world, c] / firing, 0.0, 1.0),
                 faulty=np.isin(np.arange(n), rows[c, active[c], 1]),
+                shut=np.zeros(n, np.bool_) if valves is None else valves[c],
                 path=path[:, c],
                 target=slots[c],
                 name=f"craft {c + 1}" if fleet.craft > 1 else "",
@@ -134,7 +140,15 @@ class Camera:
             readouts += [("last pulse", truth), ("declared before", declared)]
         else:
             distance = float(np.linalg.norm(craft[0].position - craft[0].target))
-            readouts.insert(0, ("distance", f"{distance:.1f} m"))
+            readouts.insert(0, ("distance", f"{distance:.{1 if distance >= 1.0 else 2}f} m"))
+        corridor = np.zeros((0, 2))
+        if approach is not None:
+            assert isinstance(task, MarsRendezvous)  # whose state it is
+            branches = task.inhibit and task.vehicle.spare_branch
+            readouts[1:1] = _approach_readouts(info, world, branches=branches)
+            corridor = np.array(
+                [(along, corridor_half_width(along)) for along in (-2.0 * task.distance, 0.0)]
+            )
         if isinstance(worlds.state, DiagnosisState):
             readouts.append(("declared", _declaration(worlds.state, world)))
         return Scene(
@@ -146,7 +160,22 @@ class Camera:
             bars=bars,
             curves=curves,
             curves_name=curves_name,
+            corridor=corridor,
         )
+
+
+def _approach_readouts(info: dict[str, Any], world: int, *, branches: bool) -> list[tuple[str, str]]:
+    """Which set of thrusters is in use, where there are two, and how the approach has ended, if it has."""
+    approach = info["approach"]
+    readouts = [("branch", "AB"[int(approach["branch"][world, 0])])] if branches else []
+    for end, reached in (
+        ("captured", info["success"]),
+        ("retreated", approach["retreated"]),
+        ("missed or lost", ~approach["safe"]),
+    ):
+        if reached[world, 0]:
+            readouts.append(("end", end))
+    return readouts
 
 
 def _declaration(state: DiagnosisState, world: int) -> str:
