@@ -1,18 +1,23 @@
 """Make the pictures of the README: ``python docs/make_images.py``.
 
-A controller that knows of no fault flies the rendezvous while thruster 1 is dead from the 25th second on;
-the picture is taken after 70 seconds, while it still burns.
+A controller that knows of no fault flies Orion's rendezvous while thruster 1 is dead from the 25th second on;
+the picture is taken after 70 seconds, while it still burns. The chaser about Mars is shown in the period in
+which its pilot has closed the valve of thruster 3, stuck open since the 60th second.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import imageio.v3 as imageio
+import numpy as np
+from numpy.typing import NDArray
 
 import thruster_envs  # noqa: F401  # registers the environments
-from thruster_baselines.control import RendezvousController, RendezvousPolicy
+from thruster_baselines.control import ChaserPilot, RendezvousController, RendezvousPolicy
+from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault
 from thruster_envs.spacecraft import load
 
@@ -20,17 +25,43 @@ STEPS, SHOWN = 571, 14
 
 
 def main() -> None:
-    """Fly, and write docs/images/rendezvous.png."""
+    """Fly, and write the pictures into docs/images."""
+    folder = Path(__file__).parent / "images"
+    folder.mkdir(exist_ok=True)
+    imageio.imwrite(folder / "rendezvous.png", rendezvous())
+    imageio.imwrite(folder / "approach.png", approach())
+
+
+def rendezvous() -> NDArray[np.uint8]:
+    """Orion with a dead thruster."""
     faults = [Fault(1, "stuck_off", onset=25.0)]
     env = gym.make("thruster_envs/OrionRendezvous-v0", faults=faults, render_mode="rgb_array")
     policy = RendezvousPolicy(RendezvousController(load("orion"), STEPS))
     observation, _ = env.reset(seed=0)
     for _ in range(SHOWN):
         observation, *_ = env.step(policy(observation))
-    folder = Path(__file__).parent / "images"
-    folder.mkdir(exist_ok=True)
-    imageio.imwrite(folder / "rendezvous.png", env.render())
+    return frame_of(env)
+
+
+def approach() -> NDArray[np.uint8]:
+    """The chaser about Mars with a valve that has been closed."""
+    faults = [Fault(3, "stuck_on", onset=60.0)]
+    env: Any = gym.make(
+        "thruster_envs/MarsRendezvous-v0", inhibit=True, faults=faults, render_mode="rgb_array"
+    )
+    detector = FusionDetector("msr_chaser", threshold=16.0, margin=6.0, settle=20.0)
+    pilot = ChaserPilot(load("msr_chaser"), env.unwrapped.task.steps, detector)
+    observation, _ = env.reset(seed=0)
+    while all(decision.what != "inhibited" for decision in pilot.log):
+        observation, *_ = env.step(pilot(observation))
+    return frame_of(env)
+
+
+def frame_of(env: gym.Env[Any, Any]) -> NDArray[np.uint8]:
+    """What it looks like now; the environment is closed."""
+    frame: Any = env.render()
     env.close()
+    return np.asarray(frame, np.uint8)
 
 
 if __name__ == "__main__":
