@@ -1,9 +1,10 @@
 """Open rates for wrenches from thrusters of which some deliver more, or less, than they are told.
 
-What a valve that is wrong delivers is taken as a function of its command u that needs no time: stuck at c it
-is c, leaking it is c or more, a weak thruster gives a share of u, a late one loses the beginning of each
-pulse, a closed one gives nothing (`ValveBelief`). So each thruster delivers something between two bounds, and
-to allocate a wrench w is to find rates v between them with W v = w (`ValveAllocation`):
+What a valve that is wrong delivers is taken as a function of its command u that needs no time, floor + slope
+(u - lost): stuck at c it is c, leaking c + (1 - c) u, a weak thruster gives a share of u, a late one loses
+the beginning of each pulse, a closed one gives nothing (`ValveBelief`). So each thruster delivers something
+between two bounds, and to allocate a wrench w is to find rates v between them with W v = w
+(`ValveAllocation`):
 
 1. if there are such, those next to the minimum-norm answer raised by one and the same rate for all, so far
    that none falls below an idle rate;
@@ -44,29 +45,37 @@ class ValveBelief:
     """What is believed of the valves of a batch: what they deliver when they are told an open rate.
 
     Attributes:
-        share: (vehicles, n), of its thrust that a thruster gives.
+        floor: (vehicles, n), what comes whatever is told, as an open rate of a sound thruster.
+        slope: (vehicles, n), what comes more for each unit that is told.
         lost: (vehicles, n), open rate that a late thruster loses of each pulse.
-        lower: (vehicles, n), the least that a thruster delivers, as an open rate of a sound one.
-        upper: (vehicles, n), the most.
         hold: (vehicles, n), what a thruster that does not follow is told all the same; no number for others.
     """
 
-    share: FloatArray
+    floor: FloatArray
+    slope: FloatArray
     lost: FloatArray
-    lower: FloatArray
-    upper: FloatArray
     hold: FloatArray
 
     @classmethod
     def sound(cls, vehicles: int, thrusters: int) -> ValveBelief:
         """So many vehicles on which all is well."""
         shape = vehicles, thrusters
-        return cls(np.ones(shape), np.zeros(shape), np.zeros(shape), np.ones(shape), np.full(shape, np.nan))
+        return cls(np.zeros(shape), np.ones(shape), np.zeros(shape), np.full(shape, np.nan))
+
+    @property
+    def lower(self) -> FloatArray:
+        """(vehicles, n), the least that a thruster delivers."""
+        return self.floor
+
+    @property
+    def upper(self) -> FloatArray:
+        """(vehicles, n), the most."""
+        return self.floor + self.slope * (1.0 - self.lost)
 
     def trust(self, mask: BoolArray | int) -> None:
         """All is well on the vehicles of a mask (vehicles,) or of an index."""
-        self.share[mask], self.lost[mask] = 1.0, 0.0
-        self.lower[mask], self.upper[mask], self.hold[mask] = 0.0, 1.0, np.nan
+        self.floor[mask], self.slope[mask] = 0.0, 1.0
+        self.lost[mask], self.hold[mask] = 0.0, np.nan
 
     def blame(
         self, vehicle: int, thruster: int, kind: str, severity: float, *, period: float, idle: float = 0.1
@@ -85,27 +94,27 @@ class ValveBelief:
             period: s, of control: an opening that is as late loses the pulse.
             idle: Open rate.
 
+        Raises:
+            ValueError: A kind that is none of these.
+
         >>> belief = ValveBelief.sound(1, 2)
         >>> belief.blame(0, 2, "leak", 0.3, period=0.1)
         >>> belief.delivered([[0.1, 0.1]])
-        array([[0.1, 0.3]])
+        array([[0.1 , 0.37]])
         """
         at = vehicle, thruster - 1
         held = float(self.hold[at])
         self.trust(vehicle)
-        if kind == "stuck_on":
-            self.lower[at] = self.upper[at] = severity
-            self.hold[at] = held if held > 0.0 else max(severity, idle)
-        elif kind == "stuck_off":
-            self.lower[at] = self.upper[at] = 0.0
-            self.hold[at] = idle
+        if kind in ("stuck_on", "stuck_off"):
+            level = severity if kind == "stuck_on" else 0.0
+            self.floor[at], self.slope[at] = level, 0.0
+            self.hold[at] = held if held > 0.0 else max(level, idle)
         elif kind == "leak":
-            self.lower[at] = severity
+            self.floor[at], self.slope[at] = severity, 1.0 - severity
         elif kind == "loss":
-            self.share[at] = self.upper[at] = 1.0 - severity
+            self.slope[at] = 1.0 - severity
         elif kind == "late_opening":
             self.lost[at] = min(severity / period, 1.0)
-            self.upper[at] = 1.0 - self.lost[at]
         elif kind != "slow_opening":
             raise ValueError(
                 f"kind is {kind!r}; stuck_on, stuck_off, leak, loss, late_opening or slow_opening would be "
@@ -122,28 +131,34 @@ class ValveBelief:
         """
         at = vehicle, thruster - 1
         if self.hold[at] > 0.0:  # it is told one and the same, and whatever comes is a constant
-            now = float(self.lower[at])
-            level = {"stuck_on": severity, "leak": max(now, severity), "loss": now * (1.0 - severity)}
-            return "stuck_on", level.get(kind, 0.0 if kind == "stuck_off" else now)
-        if kind == "loss":
-            return kind, 1.0 - float(self.share[at]) * (1.0 - severity)
+            now = float(self.floor[at])
+            level = {
+                "stuck_on": severity,
+                "stuck_off": 0.0,
+                "leak": now + severity * (1.0 - now),
+                "loss": now * (1.0 - severity),
+            }
+            return "stuck_on", level.get(kind, now)
+        if kind == "leak" or (kind == "loss" and self.floor[at] == 0.0):
+            return kind, 1.0 - float(self.slope[at]) * (1.0 - severity)
         return kind, severity
 
     def close(self, vehicle: int, thruster: int) -> None:
         """The isolation valve of a thruster, from 1, is closed: it delivers nothing and is told nothing."""
         at = vehicle, thruster - 1
-        self.lower[at] = self.upper[at] = self.hold[at] = 0.0
+        self.floor[at] = self.slope[at] = self.lost[at] = self.hold[at] = 0.0
 
     def commands(self, delivered: FloatArray) -> FloatArray:
         """(vehicles, n) open rates to tell for those to be delivered."""
-        told = np.divide(delivered, self.share, out=np.zeros_like(delivered), where=self.share > 0.0)
-        told = np.where(delivered > _ROUND_OFF, told + self.lost, 0.0)
+        over = delivered - self.floor
+        told = np.divide(over, self.slope, out=np.zeros_like(over), where=self.slope > 0.0)
+        told = np.where(over > _ROUND_OFF, told + self.lost, 0.0)
         return np.asarray(np.clip(np.where(np.isnan(self.hold), told, self.hold), 0.0, 1.0))
 
     def delivered(self, commands: ArrayLike) -> FloatArray:
-        """(vehicles, n) open rates of sound thrusters that commands come to."""
-        given = self.share * np.maximum(np.asarray(commands, np.float64) - self.lost, 0.0)
-        return np.asarray(np.clip(given, self.lower, self.upper))
+        """(vehicles, n) open rates of sound thrusters that commands (vehicles, n) come to."""
+        told = np.asarray(commands, np.float64)
+        return np.asarray(self.floor + self.slope * np.maximum(told - self.lost, 0.0))
 
 
 def authority(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
