@@ -61,7 +61,7 @@ _ALPHA, _BETA = 0.3, 0.05
 _CORRIDOR_PRICE, _ATTITUDE_PRICE, _FUEL_PRICE = 1.0, 0.5, 0.25
 #: Lateral offset, m, and angle, rad, from which on these two cost no more.
 _OFFSET_SCALE, _ANGLE_SCALE = 1.0, math.radians(10.0)
-#: How far behind its start a chaser has retreated; how far from the target it is lost out of the corridor; m.
+#: How much farther off than its start is a retreat; how near to the target it is lost off the corridor; m.
 _RETREAT, _KEEP_OUT = 10.0, 2.0
 #: The corridor: half-width at the capture plane, m, and tangent of the angle by which it widens.
 _MOUTH, _WIDENING = 0.25, math.tan(math.radians(10.0))
@@ -200,7 +200,7 @@ class MarsRendezvous(Task):
 
     @cached_property
     def action_size(self) -> int:
-        """Open rate of each thruster; with ``inhibit`` one number more for each, and one for the branch."""
+        """Open rate of each thruster; with ``inhibit`` one more for each, and one for a spare branch."""
         n = self.vehicle.number_of_thrusters
         return 2 * n + int(self.vehicle.spare_branch) if self.inhibit else n
 

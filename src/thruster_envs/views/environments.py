@@ -264,13 +264,15 @@ class MarsRendezvousEnv(TaskEnv):
     along the V-bar, at 0.1 m/s, inside a corridor, and has to cross the capture plane near its centre, slowly
     and well pointed. Eight thrusters of 22 N give force and torque together. A command becomes one pulse per
     thruster, about one period of 0.1 s later, by a delay that nobody knows; thrust rises and falls with a lag
-    of 20 ms. The chaser sees the target through a LIDAR (1 mm) and its attitude through estimates, all one
-    period old. It moves by the full two-body relative equations about Mars; differential gravity, drag and
-    sunlight push it; its true mass, inertia, centre of mass and thrusts differ a little from the description.
+    of 20 ms. The chaser sees the target through a LIDAR (errors up to 1 mm) and its attitude through
+    estimates, all one period old. It moves by the full two-body relative equations about Mars; differential
+    gravity, drag and sunlight push it; its true mass, inertia, centre of mass and thrusts differ a little
+    from the description.
 
-    A thruster that is stuck open turns the chaser away within half a minute. With `inhibit=True` the action
-    also closes isolation valves and goes over to a spare set of thrusters. Every number of the vehicle is
-    MSR-A, a parameter set of this project: the source withholds them.
+    A thruster that is stuck open turns the chaser by ten degrees in about 25 s, against a pilot that knows of
+    nothing, and pushes it out of the corridor within a minute. With `inhibit=True` the action also closes
+    isolation valves and goes over to a spare set of thrusters. Every number of the vehicle is MSR-A, a
+    parameter set of this project: the source withholds them.
 
     ## Action Space
 
@@ -336,15 +338,16 @@ class MarsRendezvousEnv(TaskEnv):
 
     Terminates when the chaser crosses the capture plane (y = 0): a capture if it is within 0.1 m of the
     centre, at most at 0.15 m/s along and 0.02 m/s across, within 3 degrees and 0.5 degrees/s. Also when it
-    has retreated to 10 m behind its start (safe, but no success); when it is lost, turning faster than 0.2
-    rad/s or within 2 m of the target outside of the corridor; and when one and a half nominal times are up
-    (3000 periods). The corridor is 0.25 m about the V-bar at the capture plane and widens by 10 degrees.
-    Never truncated.
+    is 10 m farther from the target than `distance` (a retreat: safe, but no success); when it is lost,
+    turning faster than 0.2 rad/s or within 2 m of the target outside of the corridor; and when one and a half
+    nominal times are up (3000 periods). The corridor is 0.25 m about the V-bar at the capture plane and
+    widens by 10 degrees. Never truncated.
 
     ## Information
 
     - `reward_terms`: the terms above by name; they sum to the reward.
-    - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside.
+    - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside,
+      and farther from the target than `distance`.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
       `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (no longer once the spare branch has taken
       over, which no fault strikes).
@@ -353,7 +356,7 @@ class MarsRendezvousEnv(TaskEnv):
       0.25 times the share of the distance gained.
     - `success`: whether the target is captured.
     - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
-      `delay`: from command to opening of each thruster's last pulse, s, as it truly was.
+      `delay`: from command to opening of each thruster's last pulse, s, as it truly was; 0 before the first.
 
     ## Arguments
 
