@@ -31,6 +31,7 @@ __all__ = [
     "MapperWithMemory",
     "NavigationDetector",
     "Pilot",
+    "ResidualDetector",
     "Sight",
 ]
 
@@ -185,9 +186,16 @@ class NavigationDetector(Protocol):
 
     An alarm stays until the reset. The statistic is that of the sample, and 0 as long as the detector has not
     settled; the thruster is 0 until it is sure of one, and stays then.
+
+    Attributes:
+        threshold: What the statistic has to exceed for an alarm.
+        detected: (vehicles,), whether there has been an alarm.
+        thruster: (vehicles,), the named one, from 1; 0 as long as there is none.
     """
 
     threshold: float
+    detected: BoolArray
+    thruster: IntArray
 
     def update(
         self,
@@ -220,6 +228,25 @@ class NavigationDetector(Protocol):
     def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness (..., 6, n) give, m/s^2 then rad/s^2."""
         ...
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later answers depend on beside the samples to come, as copies by name."""
+        ...
+
+    def restore_state(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `save_state` gave."""
+        ...
+
+
+@runtime_checkable
+class ResidualDetector(NavigationDetector, Protocol):
+    """A detector whose statistic is the length of a residual that can be looked at.
+
+    Attributes:
+        residual: (vehicles, 3), in the unit of the threshold.
+    """
+
+    residual: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,10 @@ from thruster_baselines.control.classical_pilot import (
     DiagnosisSettings,
     settings_for,
 )
+from thruster_baselines.control.diagnosis_observation import (
+    DiagnosisObservation,
+    VectorDiagnosisObservation,
+)
 from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.observed import Measured, ObservationReader
@@ -22,6 +26,7 @@ __all__ = [
     "ChaserPilot",
     "ClassicalPilot",
     "Decision",
+    "DiagnosisObservation",
     "DiagnosisSettings",
     "FaultAllocation",
     "Measured",
@@ -34,5 +39,6 @@ __all__ = [
     "RendezvousPolicy",
     "RendezvousSettings",
     "ThrusterBelief",
+    "VectorDiagnosisObservation",
     "settings_for",
 ]

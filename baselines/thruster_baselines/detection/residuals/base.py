@@ -10,12 +10,13 @@ Left out: what becomes of a fault that ends, and several faults at once.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_envs.configuration import require
@@ -127,6 +128,29 @@ class BaseNavigationDetector(ABC):
         check_effectiveness(given, self._vehicles, whole[1:])
         self.effectiveness[mask] = np.broadcast_to(given, whole)[mask]
         self._clear(mask)
+
+    def save_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later answers depend on beside the samples to come, as copies by name."""
+        return {name: array.copy() for name, array in self._memory().items()}
+
+    def restore_state(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `save_state` gave, of a detector with the same settings.
+
+        Raises:
+            ValueError: Something is missing, too much, or of another shape.
+        """
+        own = self._memory()
+        for name in own.keys() | saved.keys():
+            shape = own[name].shape if name in own else None
+            given = np.shape(saved[name]) if name in saved else None
+            if given != shape:
+                raise ValueError(f"the saved {name} has the shape {given}; {shape} would be right")
+        for name, value in saved.items():
+            own[name][...] = value
+
+    def _memory(self) -> dict[str, NDArray[Any]]:
+        """The arrays themselves, by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def update(
         self,

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.residuals.base import (
     SETTLING_TIME,
@@ -85,6 +85,10 @@ class NormThreshold(BaseNavigationDetector):
     def _begin(self, mask: BoolArray) -> None:
         self._observers.begun[mask] = False
         self.residual[mask] = 0.0
+
+    def _memory(self) -> dict[str, NDArray[Any]]:
+        kept = self._observers
+        return super()._memory() | {"states": kept.states, "held": kept.held, "begun": kept.begun}
 
     def _judge(self, sample: Sample) -> Diagnosis:
         statistic = np.zeros(self._vehicles)
