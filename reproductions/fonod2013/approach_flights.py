@@ -26,12 +26,15 @@ from thruster_baselines.detection.residuals import NavigationFlights
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["HEALTHY_DURATION", "ONSET", "STRUCK_DURATION", "Pilot", "fly"]
+__all__ = ["HEALTHY_DURATION", "NO_ERRORS", "ONSET", "STRUCK_DURATION", "Pilot", "fly"]
 
 ONSET = (60.0, 60.09)
 """When faults begin, s: off the sample grid."""
 STRUCK_DURATION, HEALTHY_DURATION = 80.0, 160.0
 """s."""
+
+NO_ERRORS = dict.fromkeys(("mass_error", "inertia_error", "thrust_error", "centre_of_mass_error"), 0.0)
+"""Settings of an environment whose chaser is what the description says."""
 
 Pilot: TypeAlias = Callable[[Spacecraft, int], Policy]
 """Makes who flies, for a spacecraft and the periods of an episode."""

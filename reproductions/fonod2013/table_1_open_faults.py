@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, fly
+from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, NO_ERRORS, fly
 from reproductions.record import Effort, Finding, Reproduction, Table
 from thruster_baselines.detection.residuals import (
     CorrelationDetector,
@@ -31,7 +31,6 @@ REPORTED_DETECTION = (1.1, 0.7, 0.5, 0.4, 0.4, 0.5, 0.7, 1.1)  # s, L330-332
 REPORTED_ISOLATION = (2.8, 1.8, 2.1, 2.1, 1.3, 4.0, 2.1, 2.1)
 LATEST_DETECTION, LATEST_ISOLATION, CONFIRMED = 1.2, 4.0, 0.9  # s
 VEHICLE = "msr_chaser"
-NO_ERRORS = dict.fromkeys(("mass_error", "inertia_error", "thrust_error", "centre_of_mass_error"), 0.0)
 
 
 def open_faults(effort: Effort) -> Finding:

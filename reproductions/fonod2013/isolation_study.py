@@ -1,0 +1,165 @@
+"""What detectors say of batches of approaches with a fault each: times, names, and how they are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reproductions.figures import BLUE, INK, ORANGE, panels, save
+from reproductions.fonod2013.approach_flights import fly
+from reproductions.record import Effort
+from thruster_baselines.detection.residuals import (
+    BaseNavigationDetector,
+    CorrelationDetector,
+    NavigationFlights,
+    NormThreshold,
+    margin_threshold,
+    watch,
+)
+from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.seeds import TEST, VALIDATION
+
+__all__ = [
+    "HEAD", "OPEN", "VEHICLE", "Isolation", "Make", "calibrated", "correlation", "draw_isolations", "norm",
+    "percentages", "struck", "watched",
+]  # fmt: skip
+
+VEHICLE = "msr_chaser"
+OPEN = ("stuck_on", 1.0)
+Make = Callable[[float, int], BaseNavigationDetector]
+"""Makes a detector for a threshold and a number of vehicles."""
+
+HEAD = ("flights", "false alarms", "detection, s: median, most", "isolation, s: median, most", "named right")
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """What a detector said of faulty flights.
+
+    Attributes:
+        detection: (flights,), s from the onset; negative for an alarm before it, infinite without.
+        isolation: (flights,), s from the onset to a name; infinite without.
+        named: (flights,), from 1; 0 for none.
+        thruster: (flights,), the one that failed, from 1.
+    """
+
+    detection: FloatArray
+    isolation: FloatArray
+    named: IntArray
+    thruster: IntArray
+
+    @property
+    def right(self) -> BoolArray:
+        """(flights,), whether the thruster that failed is named."""
+        return np.asarray(self.named == self.thruster)
+
+    @property
+    def share(self) -> float:
+        """Of the flights in which the right thruster is named."""
+        return float(self.right.mean())
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Of 95 % about `share`."""
+        return clopper_pearson(int(self.right.sum()), self.right.size)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """For `HEAD`."""
+        low, high = self.interval
+        return (
+            str(self.right.size),
+            str(int((self.detection < 0.0).sum())),
+            _times(self.detection),
+            _times(self.isolation),
+            f"{100.0 * self.share:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})",
+        )
+
+
+def norm(limit: float, count: int) -> BaseNavigationDetector:
+    """The source's alarm, for calibration."""
+    return NormThreshold(VEHICLE, limit, vehicles=count)
+
+
+def correlation(**settings: Any) -> Make:
+    """The source's isolation in a reading of it."""
+    return lambda limit, count: CorrelationDetector(VEHICLE, limit, vehicles=count, **settings)
+
+
+def calibrated(effort: Effort, make: Make = norm, margin: float = 1.3, **settings: Any) -> float:
+    """A margin over the largest statistic of healthy flights of validation seeds."""
+    count = effort.flights
+    healthy = fly(VALIDATION[:count], **settings)
+    return margin_threshold(watch(make(np.inf, count), healthy).statistic, margin)
+
+
+def struck(
+    effort: Effort, kind: str = OPEN[0], severity: float = OPEN[1], **settings: Any
+) -> list[NavigationFlights]:
+    """One batch of test seeds for each thruster, in which it fails in this way."""
+    count = effort.flights
+    return [fly(TEST[count * i : count * (i + 1)], i + 1, kind, severity, **settings) for i in range(8)]
+
+
+def watched(batches: Sequence[NavigationFlights], make: Make, limit: float) -> Isolation:
+    """Let a detector with this threshold see all batches."""
+    seen = [watch(make(limit, one.onset.size), one) for one in batches]
+    return Isolation(
+        np.concatenate([one.detection for one in seen]),
+        np.concatenate([one.isolation for one in seen]),
+        np.concatenate([one.thruster for one in seen]),
+        np.concatenate([one.thruster for one in batches]),
+    )
+
+
+def percentages(values: Sequence[float]) -> str:
+    """Shares as per cent in a line."""
+    return ", ".join(f"{100.0 * one:.1f} %" for one in values)
+
+
+def draw_isolations(cases: Mapping[str, Isolation], path: Path) -> None:
+    """Times from least to most with their median, and shares with their intervals; a line for each case."""
+    figure, (times, shares) = panels(2, height=1.5 + 0.28 * len(cases))
+    places = np.arange(len(cases))[::-1]
+    for place, one in zip(places, cases.values(), strict=True):
+        for values, colour, shift in ((one.detection, BLUE, 0.12), (one.isolation, ORANGE, -0.12)):
+            known = np.sort(values[np.isfinite(values)])
+            if known.size:
+                times.hlines(place + shift, known[0], known[-1], color=colour, linewidth=2.0, alpha=0.6)
+            if 2 * known.size > values.size:
+                median = np.sort(values)[values.size // 2]
+                # A name that is mostly wrong is drawn hollow.
+                hollow = colour == ORANGE and one.share < 0.5
+                times.plot(
+                    median, place + shift, "o", color=colour, markersize=5.0,
+                    markerfacecolor="white" if hollow else colour,
+                )  # fmt: skip
+        low, high = one.interval
+        shares.hlines(place, 100.0 * low, 100.0 * high, color=INK, linewidth=2.0)
+        shares.plot(100.0 * one.share, place, "o", color=INK, markersize=5.0)
+    for panel in (times, shares):
+        panel.set_yticks(places, list(cases) if panel is times else [""] * len(cases), fontsize=8.5)
+        panel.set_ylim(-0.6, len(cases) - 0.4)
+        panel.tick_params(axis="y", length=0.0)
+    times.plot([], [], "o-", color=BLUE, label="detection")
+    times.plot([], [], "o-", color=ORANGE, label="isolation (hollow: mostly wrong)")
+    times.set_xlim(left=min(0.0, times.get_xlim()[0]))
+    times.set_xlabel("from onset, s: range and median")
+    shares.set_xlim(-3.0, 103.0)
+    shares.set_xlabel("named right, %, with 95 % interval")
+    handles, labels = times.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8.5)
+    save(figure, path)
+
+
+def _times(values: FloatArray) -> str:
+    ordered = np.sort(values)
+    return ", ".join(
+        f"{one:.2f}" if np.isfinite(one) else "never" for one in (ordered[ordered.size // 2], ordered[-1])
+    )

@@ -1,0 +1,106 @@
+"""Pilots of the Mars chaser that fly by the environment's law with something changed, from observations.
+
+What a test of commands makes of a fault hangs on who gives the commands. `law` is the law with other
+numbers; `fixed_bias` and `minimum_fuel` map its wrench to open rates in other ways; `stopping` brings the
+approach to a standstill. Their only difference from the environment's own pilot besides is that they take
+the position as it is measured, without its filter. Nobody knows of a fault.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reproductions.fonod2013.approach_flights import Pilot
+from thruster_baselines.control import ApproachController, ApproachSettings
+from thruster_baselines.detection.environment_flights import Policy
+from thruster_baselines.mapping import LPMapper
+from thruster_envs.protocols import FloatArray
+from thruster_envs.spacecraft import Spacecraft
+
+__all__ = ["fixed_bias", "law", "minimum_fuel", "stopping"]
+
+
+def law(settings: ApproachSettings | None = None) -> Pilot:
+    """Who lifts all open rates together until none is negative, and by the idle rate at least."""
+    return lambda spacecraft, steps: ApproachController(spacecraft, steps, settings=settings)
+
+
+def fixed_bias(bias: float, settings: ApproachSettings | None = None) -> Pilot:
+    """Who lifts all open rates by the same amount whatever they are, and clips what is not possible."""
+
+    def pilot(spacecraft: Spacecraft, steps: int) -> Policy:
+        controller = ApproachController(spacecraft, steps, settings=settings)
+
+        def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+            return _actions(controller.wrench(observations) @ controller.inverse.T + bias)
+
+        return act
+
+    return pilot
+
+
+def minimum_fuel(settings: ApproachSettings | None = None) -> Pilot:
+    """Who opens thrusters for the least time in all, so that some are not opened at all.
+
+    All combinations of thrusters that give nothing together are free for that: all eight, and four of them
+    against the other four.
+    """
+
+    def pilot(spacecraft: Spacecraft, steps: int) -> Policy:
+        controller = ApproachController(spacecraft, steps, settings=settings)
+        mapper, period = LPMapper(spacecraft), spacecraft.control_period
+        per_wrench = np.zeros((6, 6))  # what a wrench over a period changes, m/s and rad/s
+        per_wrench[:3, :3] = np.eye(3) * period / spacecraft.mass
+        per_wrench[3:, 3:] = np.linalg.inv(np.array(spacecraft.inertia)) * period
+
+        def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+            return _actions(mapper(controller.wrench(observations) @ per_wrench.T).on_times / period)
+
+        return act
+
+    return pilot
+
+
+def stopping(time: float, braking: float, settings: ApproachSettings | None = None) -> Pilot:
+    """Who comes to a standstill before the target.
+
+    Args:
+        time: When the reference begins to brake, s.
+        braking: Its deceleration, m/s^2; infinite for one that stops at once.
+        settings: How to fly until then.
+    """
+
+    def pilot(spacecraft: Spacecraft, steps: int) -> Policy:
+        controller = ApproachController(spacecraft, steps, settings=settings)
+        speed, period = controller.settings.speed, spacecraft.control_period
+        lasts = 0.0 if math.isinf(braking) else speed / braking
+
+        def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+            rows = np.asarray(observations, np.float64)
+            age = controller.navigation_delay
+            now = period * np.maximum(controller.elapsed(rows) - age, 0.0)
+            reference = _reference(now, time, lasts, speed, controller.distance)
+            return _actions(controller.open_rates(controller.wrench(rows, reference)))
+
+        return act
+
+    return pilot
+
+
+def _reference(
+    now: FloatArray, time: float, lasts: float, speed: float, distance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Along-track position, velocity and acceleration at times (...), m, m/s, m/s^2."""
+    braked = np.clip(now - time, 0.0, lasts)
+    change = speed / lasts if lasts > 0.0 else 0.0
+    along = -distance + speed * np.minimum(now, time + lasts) - 0.5 * change * braked**2
+    standing = now >= time + lasts
+    velocity = np.where(standing, 0.0, speed - change * braked)
+    return along, velocity, np.where((now >= time) & ~standing, -change, 0.0)
+
+
+def _actions(open_rates: FloatArray) -> NDArray[np.float32]:
+    return (2.0 * np.clip(open_rates, 0.0, 1.0) - 1.0).astype(np.float32)
