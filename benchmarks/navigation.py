@@ -2,7 +2,7 @@
 
 Residual, decision and isolation, on healthy approaches of `MarsRendezvous-v0`. Isolation begins with an alarm
 and ends with a name, so every detector is measured twice: in quiet, and with alarms that stand and name
-nobody, where it does all that it can. Not measured: construction, calibration, the flights themselves.
+nobody, where it isolates in every sample. Not measured: construction, calibration, the flights themselves.
 
 ``python -m benchmarks.navigation`` runs this section alone.
 """
@@ -63,9 +63,9 @@ CLOCK = "CLOCK"
 ABOUT = f"""\
 Healthy flights of `MarsRendezvous-v0` under its own pilot. A sample is one call of `update` with all checks:
 open rates, position, attitude and rate in, diagnosis out. *{QUIET.capitalize()}* is what a detector does
-nearly always: residual and decision. *{ALARMED.capitalize()}*, and nobody named, is the most that it can be
-given, and the whole of residual, decision and isolation: every vehicle correlates or compares signatures in
-every sample. The detectors are as they come, but for the threshold, the settling time and the confirmations
+nearly always: residual and decision. *{ALARMED.capitalize()}*, and nobody named, is the worst case, the whole
+of residual, decision and isolation: every vehicle correlates or compares signatures in every sample. After an
+alarm `FusionDetector` keeps no more samples than it needs, so that it takes no longer then. The detectors are as they come, but for the threshold, the settling time and the confirmations
 that bring this about.
 
 Of one vehicle, each sample of a flight is timed by itself, by `time.perf_counter_ns`, whose own {CLOCK} ns
