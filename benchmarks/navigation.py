@@ -65,8 +65,8 @@ Healthy flights of `MarsRendezvous-v0` under its own pilot. A sample is one call
 open rates, position, attitude and rate in, diagnosis out. *{QUIET.capitalize()}* is what a detector does
 nearly always: residual and decision. *{ALARMED.capitalize()}*, and nobody named, is the worst case, the whole
 of residual, decision and isolation: every vehicle correlates or compares signatures in every sample. After an
-alarm `FusionDetector` keeps no more samples than it needs, so that it takes no longer then. The detectors are as they come, but for the threshold, the settling time and the confirmations
-that bring this about.
+alarm `FusionDetector` keeps no more samples than it needs, so that it takes no longer then. The detectors are
+as they come, but for the threshold, the settling time and the confirmations that bring this about.
 
 Of one vehicle, each sample of a flight is timed by itself, by `time.perf_counter_ns`, whose own {CLOCK} ns
 are in the figure. A batch is {VEHICLES:,} vehicles, on as many threads as there are processors;
