@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
 from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority
-from thruster_baselines.detection.residuals import BaseNavigationDetector, FusionDetector
+from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -60,6 +60,8 @@ class RecoverySettings:
         spin: Body rate against LVLH, at the gate, rad/s.
         least_authority: Share of every axis' authority below which a thruster is rather closed, where there
             is no spare branch.
+        reviews: How long after a name it is asked again what is wrong with the thruster, s; the last answer
+            is what the detector expects from then on.
         swing: How long alarms after a re-allocation are taken for the swing of a filter that did not know of
             the fault, s.
         straight: Cosine of the angle from straight back up to which a retreat stays in the corridor.
@@ -83,6 +85,7 @@ class RecoverySettings:
     angle: float = 0.044
     spin: float = 0.0075
     least_authority: float = 0.02
+    reviews: tuple[float, ...] = (2.0, 5.0)
     swing: float = 10.0
     straight: float = 0.95
     commitment: float = 2.3
@@ -184,7 +187,11 @@ class ChaserPilot:
         self.retreating: BoolArray = np.zeros(count, np.bool_)
         self._closed: BoolArray = np.zeros((count, n), np.bool_)
         self._belief = ValveBelief.sound(count, n)
+        self._expected = ValveBelief.sound(count, n)  # what the detector is told of
         self._blamed: IntArray = np.zeros(count, np.int64)  # the thruster that is taken for faulty, from 1
+        self._settled: IntArray = np.zeros(count, np.int64)  # the same, as the detector is told
+        self._reviews: IntArray = np.full(count, -1)  # how many are behind; -1 if none is to come
+        self._named_at: FloatArray = np.zeros(count)
         self._limited: BoolArray = np.zeros(count, np.bool_)  # whether authority is lost
         self._away: FloatArray = np.zeros((count, 3))  # where a retreat without authority goes, LVLH
         # What a filter that knows of the fault sees beyond the one of the observations: m, m/s, LVLH.
@@ -233,6 +240,7 @@ class ChaserPilot:
                 self._give_up(vehicle, reason, position[vehicle, 1], velocity[vehicle, 1])
         self._due.clear()
         self._diagnose(rows, position, velocity)
+        self._review()
         self._guard(rows, position, velocity)
         along, speed, acceleration = self.controller.reference(
             self._period * np.maximum(elapsed - self.controller.navigation_delay, 0.0)
@@ -300,7 +308,7 @@ class ChaserPilot:
         attitude, rate = self._turned(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh
-        told = np.where(self._fresh[:, np.newaxis], 0.0, self._belief.delivered(self._commands[0]))
+        told = np.where(self._fresh[:, np.newaxis], 0.0, self._expected.delivered(self._commands[0]))
         self._fresh[:] = False
         diagnosis = detector.update(told, position, attitude, rate, valid=valid)
         self.statistic = diagnosis.statistic
@@ -310,7 +318,7 @@ class ChaserPilot:
         swinging = diagnosis.detected & (since < np.where(self.branch, law.settling, law.swing))
         if swinging.any():
             detector.believe(self._believed(), swinging)
-        detected = diagnosis.detected & ~swinging
+        detected = diagnosis.detected & ~swinging & (self._reviews < 0) & ~self._limited
         for vehicle in np.flatnonzero(detected & ~self.branch & np.isinf(self._alarm)):
             self._alarm[vehicle] = time[vehicle]
             self.alarm_time[vehicle] = min(self.alarm_time[vehicle], time[vehicle])
@@ -348,6 +356,7 @@ class ChaserPilot:
             self._go_on_without_branch(vehicle, thruster, kind, severity)
         elif kind == "loss" and 1.0 - severity >= self.recovery.kept_share and self._blamed[vehicle] == 0:
             self._blame(vehicle, thruster, kind, severity)
+            self._settle(vehicle)
             self._note(vehicle, "re-allocated", thruster, kind, severity)
         else:
             self._closed[vehicle, thruster - 1] = True
@@ -355,35 +364,76 @@ class ChaserPilot:
             self._note(vehicle, "inhibited", thruster, kind, severity)
 
     def _go_on_without_branch(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
-        """Allocate around the fault if enough authority is left; if not, close the valve.
+        """Allocate around the fault as it looks now; what is wrong is asked again when more has been seen.
 
-        One fault at a time is believed in: a name that comes after another one takes its place.
+        One fault at a time is believed in: a name that comes after another one takes its place. A thruster
+        with which nothing is found wrong is left alone, and watched again.
         """
-        belief = self._belief
-        if self._blamed[vehicle] == thruster:
-            kind, severity = belief.together(vehicle, thruster, kind, severity)
+        if kind == FUSION_KINDS[0]:
+            self._alarm[vehicle] = np.inf
+            self._expect(vehicle)
+            return
+        self._allot(vehicle, thruster, kind, severity)
+        if isinstance(self.detector, FusionDetector) and not self._closed[vehicle].any():
+            self._reviews[vehicle] = 0
+            self._named_at[vehicle] = self._period * self._elapsed[vehicle]
+        else:
+            self._settle(vehicle)
+
+    def _allot(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
+        """Believe in a fault; where too little authority is left, close a valve that will not close."""
+        belief, law = self._belief, self.recovery
+        if self._settled[vehicle] == thruster:
+            kind, severity = self._expected.together(vehicle, thruster, kind, severity)
         self._closed[vehicle] = False
         self._blame(vehicle, thruster, kind, severity)
         left = authority(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
-        self._limited[vehicle] = left < self.recovery.least_authority
+        self._limited[vehicle] = left < law.least_authority
         if self._limited[vehicle]:
-            self._closed[vehicle, thruster - 1] = True
-            belief.close(vehicle, thruster)
+            if belief.floor[vehicle, thruster - 1] > 0.0:
+                self._close(vehicle, thruster)
             self._away[vehicle] = self._way_back(vehicle)
-            self._expect(vehicle)
         self._note(
-            vehicle, "inhibited" if self._limited[vehicle] else "re-allocated", thruster, kind, severity
+            vehicle, "inhibited" if self._closed[vehicle].any() else "re-allocated", thruster, kind, severity
         )
 
+    def _close(self, vehicle: int, thruster: int) -> None:
+        self._closed[vehicle, thruster - 1] = True
+        self._belief.close(vehicle, thruster)
+
+    def _review(self) -> None:
+        """Ask again what is wrong with thrusters that were named a little while ago."""
+        moments = self.recovery.reviews
+        since = self._period * self._elapsed - self._named_at
+        due = (self._reviews >= 0) & (since >= np.array(moments)[self._reviews] - 1e-6)
+        if not due.any() or not isinstance(self.detector, FusionDetector):
+            return
+        identified = self.detector.identify(np.where(due, self._blamed, 0))
+        for vehicle in np.flatnonzero(due):
+            thruster = int(self._blamed[vehicle])
+            kind, size = identified.kind[vehicle], float(identified.severity[vehicle])
+            if kind != FUSION_KINDS[0]:
+                self._allot(int(vehicle), thruster, kind, size)
+            self._reviews[vehicle] += 1
+            if self._closed[vehicle].any() or self._reviews[vehicle] == len(moments):
+                self._settle(int(vehicle))
+
+    def _settle(self, vehicle: int) -> None:
+        """Let the detector expect what is believed now; a thruster that is of no use any more is closed."""
+        if self._limited[vehicle]:
+            self._close(vehicle, int(self._blamed[vehicle]))
+        self._reviews[vehicle] = -1
+        self._expected.take(self._belief, vehicle)
+        self._settled[vehicle] = self._blamed[vehicle]
+        self._alarm[vehicle] = np.inf
+        self._changed[vehicle] = self._period * self._elapsed[vehicle]
+        self._expect(vehicle)
+
     def _blame(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
-        """Believe in a fault, and expect what it leaves."""
         self._belief.blame(
             vehicle, thruster, kind, severity, period=self._period, idle=self.controller.settings.idle
         )
         self._blamed[vehicle] = thruster
-        self._alarm[vehicle] = np.inf
-        self._changed[vehicle] = self._period * self._elapsed[vehicle]
-        self._expect(vehicle)
 
     def _expect(self, vehicle: int) -> None:
         if self.detector is not None:
@@ -415,7 +465,9 @@ class ChaserPilot:
         self._closed[mask] = False
         self._fresh[mask] = True
         self._belief.trust(mask)
-        self._blamed[mask], self._limited[mask] = 0, False
+        self._expected.trust(mask)
+        self._blamed[mask] = self._settled[mask] = 0
+        self._reviews[mask], self._limited[mask] = -1, False
         self._unseen[mask] = 0.0
         if self.detector is not None:
             self.detector.reset(mask)
@@ -433,7 +485,7 @@ class ChaserPilot:
         )
         straight = -self._away[:, 1] > law.straight
         far = ahead > np.where(straight, law.late_commitment, law.commitment)
-        for vehicle in np.flatnonzero(self._limited & far & ~self.retreating):
+        for vehicle in np.flatnonzero(self._limited & (self._reviews < 0) & far & ~self.retreating):
             self._give_up(int(vehicle), "authority is lost", position[vehicle, 1], velocity[vehicle, 1])
         committed = self._limited & ~straight
         ends = (corridor | (missing & (ahead < law.gate))) & ~committed

@@ -77,6 +77,15 @@ class ValveBelief:
         self.floor[mask], self.slope[mask] = 0.0, 1.0
         self.lost[mask], self.hold[mask] = 0.0, np.nan
 
+    def take(self, other: ValveBelief, vehicle: int) -> None:
+        """Believe of a vehicle what another one does."""
+        for mine, theirs in zip(
+            (self.floor, self.slope, self.lost, self.hold),
+            (other.floor, other.slope, other.lost, other.hold),
+            strict=True,
+        ):
+            mine[vehicle] = theirs[vehicle]
+
     def blame(
         self, vehicle: int, thruster: int, kind: str, severity: float, *, period: float, idle: float = 0.1
     ) -> None:
