@@ -9,6 +9,7 @@ from thruster_envs.faults import encoding as code
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import exponential, rotate
+from thruster_envs.random import RESET, philox, uniform_pair
 
 
 @njit(forceinline=True)
@@ -16,6 +17,18 @@ def place(world, craft, number_of_craft, lanes):
     """Block and lane of a craft."""
     body = world * number_of_craft + craft
     return body // lanes, body % lanes
+
+
+@njit(forceinline=True)
+def draw_start(streams, b, w, craft, uniform):
+    """Fill ``uniform`` with numbers from 0 to 1 for the start of an episode; its size is a multiple of 8."""
+    for block in range(uniform.shape[0] // 8):
+        words = philox(
+            np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w],
+            np.uint64(RESET << 32) | np.uint64(craft), streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+        )  # fmt: skip
+        for k in range(4):
+            uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
 
 
 @njit(error_model="numpy", cache=True)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from thruster_envs.faults import MODES
 from thruster_envs.physics import layout as at
 from thruster_envs.tasks.access import place
-from thruster_envs.tasks.contract import Feature, Observations
+from thruster_envs.tasks.contract import Feature, Observations, check_positive
 from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
 
 
@@ -52,10 +52,7 @@ class ActiveDiagnosis(FaultDiagnosis):
             raise ValueError(
                 f"test_duties is {duties!r}; one or more numbers above 0 and at most 1 would be right"
             )
-        for name in ("budget", "soft_rate_limit"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        check_positive(self, "budget", "soft_rate_limit")
         if not 0.0 <= self.fuel_cost < math.inf:
             raise ValueError(f"fuel_cost is {self.fuel_cost!r}; a finite number of 0 or more would be right")
 

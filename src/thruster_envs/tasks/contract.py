@@ -7,6 +7,7 @@ faults, which act in the actuator model and nowhere else.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
@@ -84,6 +85,18 @@ def check_whole(name: str, value: Any, low: int, high: int) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
         raise ValueError(f"{name} is {value!r}; a whole number from {low} to {high} would be right")
+
+
+def check_positive(task: Any, *names: str) -> None:
+    """Refuse a task of which one of these attributes is not a finite number above 0.
+
+    Raises:
+        ValueError: One line that names it.
+    """
+    for name in names:
+        value = getattr(task, name)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
 
 
 @dataclass

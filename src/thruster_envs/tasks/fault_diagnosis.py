@@ -26,12 +26,13 @@ from thruster_envs.faults.modes import mode_number
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.protocols import Sight
-from thruster_envs.random import COMMAND, RESET, philox, uniform_pair
+from thruster_envs.random import COMMAND, philox, uniform_pair
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
+    draw_start,
     place,
     rate_error,
     write_oracle_view,
@@ -44,6 +45,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_positive,
     check_whole,
 )
 from thruster_envs.tasks.pilot import Pilot
@@ -144,10 +146,7 @@ class FaultDiagnosis(Task):
         if self.pilot is not None and not callable(self.pilot):
             raise ValueError(f"pilot is {self.pilot!r}; None or a callable would be right")
         check_whole("leg", self.leg, 1, FLIGHT)
-        for name in ("range_limit", "rate_limit"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        check_positive(self, "range_limit", "rate_limit")
         reach = () if self.reach is None else ("reach",)
         for name in (*reach, "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"):
             value = getattr(self, name)
@@ -374,13 +373,7 @@ def _start(data, streams, which, limits, slots, declared, standing, account):
     uniform = np.empty(16)
     for world in which:
         b, w = place(world, 0, 1, lanes)
-        for block in range(2):
-            words = philox(
-                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
-                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-            )  # fmt: skip
-            for k in range(4):
-                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        draw_start(streams, b, w, 0, uniform)
         for k in range(3):
             data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)

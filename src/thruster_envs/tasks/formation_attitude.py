@@ -41,6 +41,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_positive,
     check_whole,
 )
 
@@ -151,9 +152,7 @@ class FormationAttitude(Task):
             if not -180.0 <= low <= high <= 180.0:
                 raise ValueError(f"{name} is {(low, high)}; two angles from -180 to 180 would be right")
         check_torques(self.bias_torque, self.fault_bias)
-        for name in ("rate_soft_limit", "rate_limit"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; a finite number above 0 would be right")
+        check_positive(self, "rate_soft_limit", "rate_limit")
         if self.rate_limit < self.rate_soft_limit:
             raise ValueError(
                 f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more "

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
+    draw_start,
     place,
     rate_error,
     write_oracle_view,
@@ -38,6 +38,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_positive,
     check_whole,
 )
 from thruster_envs.tasks.pilot import Pilot
@@ -109,10 +110,9 @@ class FormationKeeping(Task):
         check_whole("craft", self.craft, 2, 8)
         if self.commanded is not None:
             check_whole("commanded", self.commanded, 1, self.craft)
-        for name in ("radius", "slot_tolerance", "keep_out", "range_limit", "rate_limit", "fuel_price"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        check_positive(
+            self, "radius", "slot_tolerance", "keep_out", "range_limit", "rate_limit", "fuel_price"
+        )
 
     @property
     def number_of_craft(self) -> int:
@@ -233,14 +233,7 @@ def _start(data, streams, which, limits, phase, slots, account, over):
         over[world] = 0.0
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
-            for block in range(2):
-                words = philox(
-                    np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w],
-                    np.uint64(RESET << 32) | np.uint64(c),
-                    streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-                )  # fmt: skip
-                for k in range(4):
-                    uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+            draw_start(streams, b, w, c, uniform)
             if c == 0:
                 phase[world] = 2.0 * math.pi * uniform[15]
                 _place_slots(phase[world], 0.0, limits, slots[world])

@@ -36,8 +36,14 @@ from thruster_envs.physics.attitude import (
 from thruster_envs.physics.disturbances import Disturbances, disturb
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.relative_orbit import hill_acceleration
-from thruster_envs.random import RESET, philox, uniform_pair
-from thruster_envs.tasks.access import attitude_error, bounded, place, rate_error, write_oracle_view
+from thruster_envs.tasks.access import (
+    attitude_error,
+    bounded,
+    draw_start,
+    place,
+    rate_error,
+    write_oracle_view,
+)
 from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot, steer_one
 from thruster_envs.tasks.contract import (
     Feature,
@@ -47,6 +53,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_positive,
     check_whole,
 )
 
@@ -160,11 +167,10 @@ class MarsRendezvous(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_whole("navigation_delay", self.navigation_delay, 0, 10)
-        for name in ("offset_tolerance", "closing_tolerance", "lateral_tolerance", "attitude_tolerance",
-                     "rate_tolerance", "rate_limit"):  # fmt: skip
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        check_positive(
+            self, "offset_tolerance", "closing_tolerance", "lateral_tolerance", "attitude_tolerance",
+            "rate_tolerance", "rate_limit",
+        )  # fmt: skip
         for name in ("mass_error", "inertia_error", "thrust_error"):
             if not 0.0 <= getattr(self, name) <= 0.5:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; a share from 0 to 0.5 would be right")
@@ -348,17 +354,10 @@ def _length(v):
 def _start(data, streams, which, limits, dispersion, arms, sky, branch, account):
     """Disperse the chaser about its start and its truth about the description, and open the account."""
     lanes, n = data.shape[2], arms.shape[0]
-    blocks = (20 + n + 7) // 8
-    uniform = np.empty(8 * blocks)
+    uniform = np.empty(8 * ((20 + n + 7) // 8))
     for world in which:
         b, w = place(world, 0, 1, lanes)
-        for block in range(blocks):
-            words = philox(
-                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
-                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-            )  # fmt: skip
-            for k in range(4):
-                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        draw_start(streams, b, w, 0, uniform)
         sky[world, 0], sky[world, 1] = uniform[0], uniform[1]
         for k in range(3):
             data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[2 + k] - 1.0)

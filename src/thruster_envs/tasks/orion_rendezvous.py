@@ -19,17 +19,26 @@ from numpy.typing import NDArray
 
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
+    draw_start,
     place,
     rate_error,
     write_oracle_view,
 )
-from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.contract import (
+    Feature,
+    FloatArray,
+    Observations,
+    Outcome,
+    Task,
+    TaskState,
+    Truth,
+    check_positive,
+)
 from thruster_envs.tasks.shaping import delta_v_to_go
 
 _BOUND = 5.0
@@ -98,11 +107,10 @@ class OrionRendezvous(Task):
         super().__post_init__()
         start: tuple[float, ...] = tuple(float(x) for x in self.start)
         object.__setattr__(self, "start", start)
-        for name in ("position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
-                     "range_limit", "rate_limit", "rate_soft_limit", "orbits"):  # fmt: skip
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        check_positive(
+            self, "position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
+            "range_limit", "rate_limit", "rate_soft_limit", "orbits",
+        )  # fmt: skip
         if len(start) != 3 or not math.hypot(*start) < self.range_limit:
             raise ValueError(
                 f"start is {start!r}; three numbers of m within {self.range_limit:g} m would be right"
@@ -230,13 +238,7 @@ def _start(data, streams, which, start, limits, account):
     uniform = np.empty(16)
     for world in which:
         b, w = place(world, 0, 1, lanes)
-        for block in range(2):
-            words = philox(
-                np.uint64(2 + block), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(RESET << 32),
-                streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-            )  # fmt: skip
-            for k in range(4):
-                uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+        draw_start(streams, b, w, 0, uniform)
         for k in range(3):
             data[b, at.POSITION + k, w] = start[k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
