@@ -86,7 +86,7 @@ class RecoverySettings:
     spin: float = 0.0075
     least_authority: float = 0.02
     reviews: tuple[float, ...] = (2.0, 5.0)
-    swing: float = 10.0
+    swing: float = 40.0
     straight: float = 0.95
     commitment: float = 2.3
     late_commitment: float = 0.5
@@ -427,6 +427,8 @@ class ChaserPilot:
         self._settled[vehicle] = self._blamed[vehicle]
         self._alarm[vehicle] = np.inf
         self._changed[vehicle] = self._period * self._elapsed[vehicle]
+        if self.detector is not None and not self._spare:
+            self.detector.reset(np.arange(self._vehicles) == vehicle)
         self._expect(vehicle)
 
     def _blame(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
