@@ -164,7 +164,8 @@ def _draw(source: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatA
     axes[0].set_title("Singular values of the source's design")
     axes[0].set_ylabel("largest (line) and least (dots)")
     ratio = 4.0 * FREQUENCIES / np.hypot(DELAY * FREQUENCIES, 2.0)
-    for (fault, delay), mark, name in ((source, "o", "source's L and W"), (other, "x", "random L and W")):
+    pairs = ((source, "o", "the source's L and W"), (other, "x", "random L and W"))
+    for (fault, delay), mark, name in pairs:
         axes[1].loglog(FREQUENCIES, delay[:, 0] / fault[:, 0], mark, markersize=5.0, label=name)
     axes[1].loglog(FREQUENCIES, ratio, color=INK, linewidth=1.2, label="|4 s / (τ₀ s + 2)|")
     axes[1].set_title("Delay over fault")
@@ -182,7 +183,7 @@ REPRODUCTIONS = (
         source="Fonod 2013",
         lines="L151-213",
         reported="the residual is decoupled from the delay's variation by left eigenvectors",
-        criterion="the transfer from the delay is -4 s / (tau0 s + 2) times that from a fault for any L and W",
+        criterion="the transfer from the delay is -4 s / (tau0 s + 2) that from a fault for any L and W",
         run=impossible,
     ),
 )
