@@ -1,0 +1,167 @@
+"""`MarsRendezvous-v0` and its native vector form."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from thruster_envs.tasks import MarsRendezvous, Task
+from thruster_envs.views.single import TaskEnv
+from thruster_envs.views.vector import TaskVectorEnv
+
+__all__ = ["MarsRendezvousEnv", "MarsRendezvousVectorEnv"]
+
+
+class MarsRendezvousEnv(TaskEnv):
+    """Bring a chaser about Mars over the last twenty metres to capture, thruster faults or not.
+
+    ## Description
+
+    The final translation of a Mars Sample Return rendezvous (Fonod et al. 2013): the chaser comes from behind
+    along the V-bar, at 0.1 m/s, inside a corridor, and has to cross the capture plane near its centre, slowly
+    and well pointed. Eight thrusters of 22 N give force and torque together. A command becomes one pulse per
+    thruster, about one period of 0.1 s later, by a delay that nobody knows; thrust rises and falls with a lag
+    of 20 ms. The chaser sees the target through a LIDAR (errors up to 1 mm) and its attitude through
+    estimates, all one period old. It moves by the full two-body relative equations about Mars; differential
+    gravity, drag and sunlight push it; its true mass, inertia, centre of mass and thrusts differ a little
+    from the description.
+
+    A thruster that is stuck open turns the chaser by ten degrees in about 25 s, against a pilot that knows of
+    nothing, and pushes it out of the corridor within a minute. With `inhibit=True` the action also closes
+    isolation valves and goes over to a spare set of thrusters. Every number of the vehicle is MSR-A, a
+    parameter set of this project: the source withholds them.
+
+    ## Action Space
+
+    `Box(-1, 1, (8,), float32)`, the open rate of each thruster in the coming period of 0.1 s. What is open
+    for less than 5 ms stays shut.
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-7 | open rate of each thruster: -1 stays shut, 0 opens for half the period, 1 for all | -1 | 1 | 1 |
+
+    With `inhibit=True` there follow one number for each isolation valve, closed while it is above 0, and one
+    for the spare branch, which takes over for good once it is above 0: `Box(-1, 1, (17,), float32)`. The
+    valves are then those of the spare branch. A `spacecraft` without one has no number for it.
+
+    ## Observation Space
+
+    `Box(..., (36,), float32)`. Position and velocity in LVLH axes (x radial, y along-track, z cross-track),
+    from the target; attitude error, rate error and rate changes in body axes. The attitude of the approach
+    has x to the target, y against the orbit's normal and z to the planet. Everything but time and open rates
+    is as old as navigation is slow. *Authority* is the largest rate change that the healthy vehicle reaches
+    on an axis in one period. Values beyond a bound are clipped.
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 0-2 | measured relative position, whole approach | -5 | 5 | distance at the start |
+    | 3-5 | measured relative position, close by | -5 | 5 | 1 m |
+    | 6-8 | filtered relative velocity | -5 | 5 | 0.1 m/s |
+    | 9-11 | measured attitude error | -5 | 5 | 0.1 rad |
+    | 12-14 | measured rate error | -5 | 5 | 0.02 rad/s |
+    | 15 | time to go | 0 | 1 | length of the episode |
+    | 16-23 | last open rates | 0 | 1 | 1 |
+    | 24-29 | last measured rate change | -5 | 5 | authority per axis |
+    | 30-35 | last expected rate change | -5 | 5 | authority per axis |
+
+    The velocity is that of an alpha-beta filter (0.3, 0.05) on the LIDAR, driven by the expected rate change.
+    With `inhibit=True` there follow whether each isolation valve is closed (8) and, where there is one,
+    whether the spare branch is in use (1), 0 or 1. With `observe_fault=True` there follow after that, for
+    each thruster:
+
+    | Index | Meaning | Min | Max | Unit |
+    |---|---|---|---|---|
+    | 36-43 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
+    | 44-51 | true opening of each thruster when closed | 0 | 1 | 1 |
+
+    ## Rewards
+
+    A *nominal time* is that of the approach at constant speed, 200 s.
+
+    - `corridor`: - min(lateral offset / 1 m, 1), as a mean over the nominal time
+    - `attitude`: - 0.5 min(angle from the attitude of the approach / 10 degrees, 1), likewise
+    - `fuel`: - 0.25 times the thruster-seconds of the period over those of an open rate of 0.1 in all
+      thrusters for the nominal time
+    - `progress`: the distance gained, as a share of that at the start
+    - `capture`: 1 at capture; -1 if the capture plane is crossed otherwise, or the chaser is lost
+
+    ## Starting State
+
+    At `distance` (20 m) behind the target at 0.1 m/s towards it, dispersed uniformly by 0.1 m, 2 mm/s, 1
+    degree and 0.02 degrees/s on each axis. Phase of the delays, place on the orbit, direction of sunlight and
+    the true vehicle are drawn at every reset. No faults unless `faults` says so.
+
+    ## Episode End
+
+    Terminates when the chaser crosses the capture plane (y = 0): a capture if it is within 0.1 m of the
+    centre, at most at 0.15 m/s along and 0.02 m/s across, within 3 degrees and 0.5 degrees/s. Also when it
+    is 10 m farther from the target than `distance` (a retreat: safe, but no success); when it is lost,
+    turning faster than 0.2 rad/s or within 2 m of the target outside of the corridor; and when one and a half
+    nominal times are up (3000 periods). The corridor is 0.25 m about the V-bar at the capture plane and
+    widens by 10 degrees. Never truncated.
+
+    ## Information
+
+    - `reward_terms`: the terms above by name; they sum to the reward.
+    - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside,
+      and farther from the target than `distance`.
+    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (no longer once the spare branch has taken
+      over, which no fault strikes).
+    - `fuel`: thruster-seconds of open valve since the reset.
+    - `score`: at capture 0.5, and up to 0.5 more for economy; 0.25 for a retreat; 0 if missed or lost; else
+      0.25 times the share of the distance gained.
+    - `success`: whether the target is captured.
+    - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
+      `delay`: from command to opening of each thruster's last pulse, s, as it truly was; 0 before the first.
+
+    ## Arguments
+
+    ```python
+    gym.make("thruster_envs/MarsRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 60.0}])
+    ```
+
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one with a
+      modulator.
+    - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
+      mappings. `reset(options={"faults": ...})` gives one episode its own.
+    - `observe_fault`: whether the truth about the faults is added to the observation.
+    - `fault_slots`: faults that the chaser can have in an episode, 4 by default.
+    - `nonlinear`: whether to fly by the full two-body relative equations (the default) or by Hill's.
+    - `max_substep`: longest integration sub-step, s; None for the control period.
+    - `distance`: behind the target at the start, m; 2 to 1000.
+    - `inhibit`: whether isolation valves, and the spare branch where there is one, are part of the action.
+    - `navigation_delay`: age of what is observed, in control periods; 1 by default.
+    - `disturbances`: whether differential gravity, drag and sunlight act.
+    - `mass_error`, `inertia_error`, `thrust_error`: half-widths of the true mass, moments of inertia (all by
+      one share) and thrust of each thruster, as shares; 0.01, 0.02 and 0.01 by default.
+    - `centre_of_mass_error`: half-width of the true centre of mass on each axis, m; 0.01 by default.
+    - `offset_tolerance`, `closing_tolerance`, `lateral_tolerance`, `attitude_tolerance`, `rate_tolerance`:
+      what counts as captured, m, m/s, m/s, rad, rad/s.
+    - `rate_limit`: body rate at which the chaser is lost, rad/s.
+    - `render_mode`: None, `"rgb_array"` or `"human"`.
+
+    The scripted pilot, which captures where nothing fails, flies like this:
+
+    >>> import gymnasium as gym
+    >>> import thruster_envs
+    >>> env = gym.make("thruster_envs/MarsRendezvous-v0", distance=5.0)
+    >>> observation, info = env.reset(seed=1)
+    >>> worlds, terminated = env.unwrapped.worlds, False
+    >>> while not terminated:
+    ...     action = worlds.task.pilot_actions(worlds.state)[0, 0]
+    ...     observation, reward, terminated, truncated, info = env.step(action)
+    >>> info["success"], info["approach"]["safe"]
+    (True, True)
+
+    ## Version History
+
+    - v0: initial version
+    """
+
+    task_type: ClassVar[type[Task]] = MarsRendezvous
+
+
+class MarsRendezvousVectorEnv(TaskVectorEnv):
+    """Many approaches about Mars; :class:`MarsRendezvousEnv` describes one."""
+
+    task_type: ClassVar[type[Task]] = MarsRendezvous
