@@ -1,13 +1,17 @@
 """Valves stuck closed and thrusters at half thrust, beside those stuck open.
 
-By the printed test, by its opposite, by signatures and by the likelihood ratio of force and torque. Each
-threshold is a margin over healthy flights of validation seeds. The source detects "any kind" of fault and
+By the printed test, by its opposite, by signatures, and by the likelihood ratio of the force alone and of
+force and torque. The residual is an invertible filter of the observer's innovation, so that the likelihood
+ratio on either is the same; that of the force alone sees a thruster and the loss of its opposite corner as
+one (Remark 4 of the source), and names neither. Each threshold is a margin over healthy flights of validation seeds. The source detects "any kind" of fault and
 isolates open ones only; nothing of this table is in it.
 """
 
 from __future__ import annotations
 
 from functools import partial
+
+import numpy as np
 
 from reproductions.fonod2013.isolation_study import (
     HEAD,
@@ -25,6 +29,7 @@ from reproductions.fonod2013.isolation_study import (
 from reproductions.record import Effort, Finding, Reproduction, Table
 from thruster_baselines.detection.residuals import BaseNavigationDetector, FusionDetector, SignatureDetector
 
+FORCE = "likelihood ratio, force alone"
 FAULTS = {"open": OPEN, "closed": ("stuck_off", 1.0), "loss of 50 %": ("loss", 0.5)}
 
 
@@ -34,6 +39,7 @@ def other_faults(effort: Effort) -> Finding:
         "eq. 33, the source's": (correlation(), norm, 1.3),
         "its opposite": (correlation(pick="greatest"), norm, 1.3),
         "signature": (lambda limit, count: SignatureDetector(VEHICLE, limit, vehicles=count), norm, 1.3),
+        FORCE: (_force_ratio, _force_ratio, 1.5),
         "fusion": (_fusion, _fusion, 1.5),
     }
     limits = {name: calibrated(effort, quiet, margin) for name, (_, quiet, margin) in makers.items()}
@@ -53,6 +59,12 @@ def other_faults(effort: Effort) -> Finding:
         checks={
             "the source's test names all open valves right": printed[0] == 1.0,
             "and nothing else": max(printed[1:]) == 0.0,
+            "the likelihood ratio of the force alone is sooner than the norm, on every fault": all(
+                np.median(seen[fault, FORCE].detection)
+                < np.median(seen[fault, "eq. 33, the source's"].detection)
+                for fault in FAULTS
+            ),
+            "and names nobody": all(np.isinf(seen[fault, FORCE].isolation).all() for fault in FAULTS),
             "its opposite names all others right and no open valve": (
                 opposite[0] == 0.0 and min(opposite[1:]) == 1.0
             ),
@@ -71,6 +83,10 @@ def other_faults(effort: Effort) -> Finding:
         ),
         figure=partial(draw_isolations, {f"{fault}: {name}": one for (fault, name), one in seen.items()}),
     )
+
+
+def _force_ratio(limit: float, count: int) -> BaseNavigationDetector:
+    return FusionDetector(VEHICLE, limit, use_rate=False, vehicles=count)
 
 
 def _fusion(limit: float, count: int) -> BaseNavigationDetector:
