@@ -3,8 +3,8 @@
 By the printed test, by its opposite, by signatures, and by the likelihood ratio of the force alone and of
 force and torque. The residual is an invertible filter of the observer's innovation, so that the likelihood
 ratio on either is the same; that of the force alone sees a thruster and the loss of its opposite corner as
-one (Remark 4 of the source), and names neither. Each threshold is a margin over healthy flights of validation seeds. The source detects "any kind" of fault and
-isolates open ones only; nothing of this table is in it.
+one (Remark 4 of the source), and names neither. Each threshold is a margin over healthy flights of validation
+seeds. The source detects "any kind" of fault and isolates open ones only; nothing of this table is in it.
 """
 
 from __future__ import annotations
