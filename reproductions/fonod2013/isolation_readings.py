@@ -75,8 +75,8 @@ def readings(effort: Effort) -> Finding:
     thrifty, slow, fast = (seen[name] for name in ("minimum fuel", "bias 0.2, clipped", list(PILOTS)[-1]))
     return Finding(
         ours=(
-            f"as meant and as printed {percentages([min(meant)])} or more named right; the greatest "
-            f"{percentages([share['r(l), the greatest, N = 10']])}; guard at 0.02 and 0.05 "
+            f"named right, the least of the readings as meant and as printed: {percentages([min(meant)])}; "
+            f"the greatest {percentages([share['r(l), the greatest, N = 10']])}; guard at 0.02 and 0.05 "
             f"{percentages([share[name] for name in list(GUARDS)[:2]])}; "
             f"minimum fuel {percentages([thrifty.share])}; a clipped bias {percentages([slow.share])}, with "
             f"a fast position loop {percentages([fast.share])}"

@@ -54,7 +54,7 @@ def noise(effort: Effort) -> Finding:
     plain, observed = seen["± 1.0 mm"], seen["from observations, idle rate 0.1"]
     false = sum(int((one.detection < 0.0).sum()) for one in seen.values())
     return Finding(
-        ours=f"named right in each of {len(shares)} rows: {percentages([min(shares)])} or more",
+        ours=f"named right, the least of {len(shares)} rows: {percentages([min(shares)])}",
         checks={
             "all open faults are named right in every row": min(shares) == 1.0,
             "no alarm comes before its fault": false == 0,
