@@ -62,6 +62,9 @@ class RecoverySettings:
             is no spare branch.
         reviews: How long after a name it is asked again what is wrong with the thruster, s; the last answer
             is what the detector expects from then on.
+        slowest: Time constant of a slow valve from which on one does not believe in it, s.
+        second_fault: By how much a thruster that is named after a re-allocation has to be off what is
+            expected of it, as an open rate, for the belief to change.
         swing: How long alarms after a re-allocation are taken for the swing of a filter that did not know of
             the fault, s.
         straight: Cosine of the angle from straight back up to which a retreat stays in the corridor.
@@ -84,8 +87,10 @@ class RecoverySettings:
     lateral_speed: float = 0.015
     angle: float = 0.044
     spin: float = 0.0075
-    least_authority: float = 0.02
+    least_authority: float = 0.045
     reviews: tuple[float, ...] = (2.0, 5.0)
+    slowest: float = 1.0
+    second_fault: float = 0.1
     swing: float = 40.0
     straight: float = 0.95
     commitment: float = 2.3
@@ -190,7 +195,8 @@ class ChaserPilot:
         self._expected = ValveBelief.sound(count, n)  # what the detector is told of
         self._blamed: IntArray = np.zeros(count, np.int64)  # the thruster that is taken for faulty, from 1
         self._settled: IntArray = np.zeros(count, np.int64)  # the same, as the detector is told
-        self._reviews: IntArray = np.full(count, -1)  # how many are behind; -1 if none is to come
+        self._reviewed: IntArray = np.zeros(count, np.int64)  # the thruster that is asked about again, from 1
+        self._reviews: IntArray = np.full(count, -1)  # how often it was; -1 if it is not any more
         self._named_at: FloatArray = np.zeros(count)
         self._limited: BoolArray = np.zeros(count, np.bool_)  # whether authority is lost
         self._away: FloatArray = np.zeros((count, 3))  # where a retreat without authority goes, LVLH
@@ -329,7 +335,11 @@ class ChaserPilot:
         doubtful = detected & ~self.branch & ~fresh
         late = time - self._alarm >= law.doubt_time
         close = (position[:, 1] > -law.near) & self._spare
-        for vehicle in np.flatnonzero(doubtful & (late | close)):
+        nobody = late & (self._spare | (self._blamed == 0))
+        for vehicle in np.flatnonzero(doubtful & late & ~nobody):
+            self._alarm[vehicle] = np.inf
+            self._expect(int(vehicle))
+        for vehicle in np.flatnonzero(doubtful & (nobody | close)):
             self._due[int(vehicle)] = "an alarm that names nobody" if late[vehicle] else "an alarm close by"
         for vehicle in np.flatnonzero(detected & self.branch & ~self.retreating):
             self._give_up(int(vehicle), "an alarm on branch B", position[vehicle, 1], velocity[vehicle, 1])
@@ -355,7 +365,8 @@ class ChaserPilot:
         if not self._spare:
             self._go_on_without_branch(vehicle, thruster, kind, severity)
         elif kind == "loss" and 1.0 - severity >= self.recovery.kept_share and self._blamed[vehicle] == 0:
-            self._blame(vehicle, thruster, kind, severity)
+            self._belief.blame(vehicle, thruster, kind, severity, period=self._period)
+            self._blamed[vehicle] = thruster
             self._settle(vehicle)
             self._note(vehicle, "re-allocated", thruster, kind, severity)
         else:
@@ -369,26 +380,37 @@ class ChaserPilot:
         One fault at a time is believed in: a name that comes after another one takes its place. A thruster
         with which nothing is found wrong is left alone, and watched again.
         """
-        if kind == FUSION_KINDS[0]:
+        if kind == FUSION_KINDS[0]:  # nothing is found wrong with it
             self._alarm[vehicle] = np.inf
             self._expect(vehicle)
             return
-        self._allot(vehicle, thruster, kind, severity)
+        second = self._blamed[vehicle] > 0
+        if not second and not self._says_nothing(kind, severity):
+            self._allot(vehicle, thruster, kind, severity)
         if isinstance(self.detector, FusionDetector) and not self._closed[vehicle].any():
-            self._reviews[vehicle] = 0
+            self._reviewed[vehicle], self._reviews[vehicle] = thruster, 0
             self._named_at[vehicle] = self._period * self._elapsed[vehicle]
         else:
+            if second:
+                self._allot(vehicle, thruster, kind, severity)
             self._settle(vehicle)
 
     def _allot(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Believe in a fault; where too little authority is left, close a valve that will not close."""
-        belief, law = self._belief, self.recovery
+        belief, idle = self._belief, self.controller.settings.idle
         if self._settled[vehicle] == thruster:
             kind, severity = self._expected.together(vehicle, thruster, kind, severity)
+        held = float(belief.hold[vehicle, thruster - 1])
+        if kind == "leak" and held > 0.0:  # as long as it is told one and the same, a leak is a constant
+            kind, severity = "stuck_on", severity + (1.0 - severity) * held
+        if kind == "stuck_on" and severity < idle:
+            # While commands hardly change, a constant is also a share of them, and that can be made good.
+            kind, severity = "loss", 1.0 - severity / idle
         self._closed[vehicle] = False
-        self._blame(vehicle, thruster, kind, severity)
+        belief.blame(vehicle, thruster, kind, severity, period=self._period, idle=idle)
+        self._blamed[vehicle] = thruster
         left = authority(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
-        self._limited[vehicle] = left < law.least_authority
+        self._limited[vehicle] = left < self.recovery.least_authority
         if self._limited[vehicle]:
             if belief.floor[vehicle, thruster - 1] > 0.0:
                 self._close(vehicle, thruster)
@@ -408,15 +430,33 @@ class ChaserPilot:
         due = (self._reviews >= 0) & (since >= np.array(moments)[self._reviews] - 1e-6)
         if not due.any() or not isinstance(self.detector, FusionDetector):
             return
-        identified = self.detector.identify(np.where(due, self._blamed, 0))
+        identified = self.detector.identify(np.where(due, self._reviewed, 0))
         for vehicle in np.flatnonzero(due):
-            thruster = int(self._blamed[vehicle])
+            thruster = int(self._reviewed[vehicle])
             kind, size = identified.kind[vehicle], float(identified.severity[vehicle])
-            if kind != FUSION_KINDS[0]:
-                self._allot(int(vehicle), thruster, kind, size)
             self._reviews[vehicle] += 1
-            if self._closed[vehicle].any() or self._reviews[vehicle] == len(moments):
+            last = self._reviews[vehicle] == len(moments)
+            if self._says_nothing(kind, size):
+                pass
+            elif self._settled[vehicle] == 0 or (last and self._weighs(int(vehicle), thruster, kind, size)):
+                self._allot(int(vehicle), thruster, kind, size)
+            if last or self._closed[vehicle].any():
                 self._settle(int(vehicle))
+
+    def _says_nothing(self, kind: str, severity: float) -> bool:
+        """Whether an answer is none, or a thruster so slow that it is more likely one that is stuck."""
+        return kind == FUSION_KINDS[0] or (kind == "slow_opening" and severity > self.recovery.slowest)
+
+    def _weighs(self, vehicle: int, thruster: int, kind: str, severity: float) -> bool:
+        """Whether a fault changes enough of what is expected of a thruster to be no false alarm."""
+        now = float(self._expected.delivered(self._commands[0])[vehicle, thruster - 1])
+        then = {
+            "stuck_on": severity,
+            "stuck_off": 0.0,
+            "leak": now + severity * (1.0 - now),
+            "loss": now * (1.0 - severity),
+        }
+        return abs(then.get(kind, now) - now) >= self.recovery.second_fault
 
     def _settle(self, vehicle: int) -> None:
         """Let the detector expect what is believed now; a thruster that is of no use any more is closed."""
@@ -430,12 +470,6 @@ class ChaserPilot:
         if self.detector is not None and not self._spare:
             self.detector.reset(np.arange(self._vehicles) == vehicle)
         self._expect(vehicle)
-
-    def _blame(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
-        self._belief.blame(
-            vehicle, thruster, kind, severity, period=self._period, idle=self.controller.settings.idle
-        )
-        self._blamed[vehicle] = thruster
 
     def _expect(self, vehicle: int) -> None:
         if self.detector is not None:
@@ -487,7 +521,10 @@ class ChaserPilot:
         )
         straight = -self._away[:, 1] > law.straight
         far = ahead > np.where(straight, law.late_commitment, law.commitment)
-        for vehicle in np.flatnonzero(self._limited & (self._reviews < 0) & far & ~self.retreating):
+        urgent = (self._reviews < 0) | (ahead < 2.0 * law.commitment)
+        for vehicle in np.flatnonzero(self._limited & urgent & far & ~self.retreating):
+            if self._reviews[vehicle] >= 0:
+                self._settle(int(vehicle))
             self._give_up(int(vehicle), "authority is lost", position[vehicle, 1], velocity[vehicle, 1])
         committed = self._limited & ~straight
         ends = (corridor | (missing & (ahead < law.gate))) & ~committed

@@ -91,9 +91,8 @@ class ValveBelief:
     ) -> None:
         """Believe in one fault of a vehicle, and that all else on it is well.
 
-        A thruster that does not follow is told what it delivers, or the idle rate if that is more: who knows
-        only what is told then expects what comes, and whoever is blamed without reason does no harm. What it
-        was told before it goes on being told.
+        A thruster that does not follow goes on being told what it was told before, first the idle rate: if it
+        follows after all, what comes is still a constant.
 
         Args:
             vehicle: Its index.
@@ -117,7 +116,7 @@ class ValveBelief:
         if kind in ("stuck_on", "stuck_off"):
             level = severity if kind == "stuck_on" else 0.0
             self.floor[at], self.slope[at] = level, 0.0
-            self.hold[at] = held if held > 0.0 else max(level, idle)
+            self.hold[at] = held if held > 0.0 else idle
         elif kind == "leak":
             self.floor[at], self.slope[at] = severity, 1.0 - severity
         elif kind == "loss":
