@@ -453,7 +453,7 @@ class ChaserPilot:
         then = {
             "stuck_on": severity,
             "stuck_off": 0.0,
-            "leak": now + severity * (1.0 - now),
+            "leak": max(now, severity),
             "loss": now * (1.0 - severity),
         }
         return abs(then.get(kind, now) - now) >= self.recovery.second_fault
