@@ -24,9 +24,11 @@ from reproductions.fonod2013.recovery_flights import (
     calibrate,
     fly,
     fly_healthy,
+    is_saved,
+    of_kind,
+    share,
 )
 from reproductions.record import Effort, Finding, Reproduction, Table
-from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.seeds import TEST, VALIDATION
 
 FLIGHTS_PER_EFFORT = 5  # 500 with a fault
@@ -50,13 +52,13 @@ def study(effort: Effort) -> Finding:
         for pilot in WATCHERS
     }
     struck = {pilot: [one for one in flights[pilot] if _struck(one)] for pilot in PILOTS}
-    savable = {one.seed for one in struck["oracle"] if _saved(one)}
+    savable = {one.seed for one in struck["oracle"] if is_saved(one)}
     best = struck["best stack"]
     detected = [one for one in best if _detected(one)]
     opened = [one.detection for one in best if one.kind == "open"]
     others = [one.detection for one in best if one.kind != "open"]
     isolated = [one for one in best if one.named == one.thruster]
-    saved = [one for one in best if one.seed in savable and _saved(one)]
+    saved = [one for one in best if one.seed in savable and is_saved(one)]
     among = [one for one in best if one.seed in savable]
     unseen = [one for one in best if not _detected(one)]
     unprotected = {one.seed: one for one in flights["unprotected"]}
@@ -80,8 +82,8 @@ def study(effort: Effort) -> Finding:
         f"Of the {len(unseen)} faults that the best stack does not notice, "
         f"{sum(one.kind == 'slow' for one in unseen)} are slow valves; the unprotected pilot captures in "
         f"{harmless} of these flights. Of the other six kinds it detects "
-        f"{_share(sum(map(_detected, not_slow)), len(not_slow))} and names the right thruster in "
-        f"{_share(sum(one.named == one.thruster for one in not_slow), len(not_slow))}. No pilot that goes "
+        f"{share(sum(map(_detected, not_slow)), len(not_slow))} and names the right thruster in "
+        f"{share(sum(one.named == one.thruster for one in not_slow), len(not_slow))}. No pilot that goes "
         "over to branch B has to know which thruster failed: that forgives the source's method its wrong "
         "names, since its test is right for valves that are too far open only; its alarm saves the flight. "
         f"The long waits are those of the {sum(one.onset < SETTLE for one in best)} faults that begin in the "
@@ -111,12 +113,12 @@ def study(effort: Effort) -> Finding:
                 pilot: {end: sum(one.end == end for one in struck[pilot]) for end in ENDS} for pilot in PILOTS
             },
             "detected": {
-                pilot: {kind: sum(map(_detected, _of(struck[pilot], kind))) for kind in KINDS_OF_FAULT}
+                pilot: {kind: sum(map(_detected, of_kind(struck[pilot], kind))) for kind in KINDS_OF_FAULT}
                 for pilot in WATCHERS
             },
             "isolated": {
                 pilot: {
-                    kind: sum(one.named == one.thruster for one in _of(struck[pilot], kind))
+                    kind: sum(one.named == one.thruster for one in of_kind(struck[pilot], kind))
                     for kind in KINDS_OF_FAULT
                 }
                 for pilot in WATCHERS
@@ -146,13 +148,13 @@ def _by_pilot(
         rows.append(
             (
                 pilot,
-                _share(seen, len(those)) if watches else "-",
-                _share(named, len(those)) if watches else "-",
+                share(seen, len(those)) if watches else "-",
+                share(named, len(those)) if watches else "-",
                 _seconds(_median([one.detection for one in those if one.kind == "open"])) if watches else "-",
                 _seconds(_median([one.detection for one in those if one.kind != "open"])) if watches else "-",
                 f"{false[pilot]} in {hours[pilot]:.1f} h" if watches else "-",
                 *(str(sum(one.end == end for one in those)) for end in ENDS),
-                _share(sum(map(_saved, among)), len(among)),
+                share(sum(map(is_saved, among)), len(among)),
             )
         )
     head = (
@@ -170,7 +172,7 @@ def _by_pilot(
 def _by_kind(pilot: str, struck: dict[str, list[Flight]], thresholds: dict[str, float]) -> Table:
     rows = []
     for kind in KINDS_OF_FAULT:
-        those, bare = _of(struck[pilot], kind), _of(struck["unprotected"], kind)
+        those, bare = of_kind(struck[pilot], kind), of_kind(struck["unprotected"], kind)
         if not those:
             continue
         delays = [one.detection for one in those]
@@ -179,14 +181,14 @@ def _by_kind(pilot: str, struck: dict[str, list[Flight]], thresholds: dict[str, 
             (
                 kind,
                 str(len(those)),
-                _share(sum(map(_detected, those)), len(those)),
-                _share(sum(one.named == one.thruster for one in those), len(those)),
+                share(sum(map(_detected, those)), len(those)),
+                share(sum(one.named == one.thruster for one in those), len(those)),
                 str(sum(one.named not in (0, one.thruster) for one in those)),
                 _seconds(_median(delays)),
                 _seconds(sorted(delays)[int(np.ceil(0.9 * len(delays))) - 1]),
                 _seconds(_median(names)),
-                _share(sum(map(_saved, those)), len(those)),
-                _share(sum(map(_saved, bare)), len(bare)),
+                share(sum(map(is_saved, those)), len(those)),
+                share(sum(map(is_saved, bare)), len(bare)),
             )
         )
     head = (
@@ -201,8 +203,8 @@ def _said(best: Sequence[Flight]) -> Table:
     rows = tuple(
         (
             kind,
-            *(str(sum(one.said == word for one in _of(best, kind))) for word in said),
-            str(sum(one.said == "" for one in _of(best, kind))),
+            *(str(sum(one.said == word for one in of_kind(best, kind))) for word in said),
+            str(sum(one.said == "" for one in of_kind(best, kind))),
         )
         for kind in KINDS_OF_FAULT
     )
@@ -215,10 +217,10 @@ def _said(best: Sequence[Flight]) -> Table:
 
 def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
     figure, (left, right) = panels(2, height=4.6)
-    kinds = [kind for kind in KINDS_OF_FAULT if _of(struck["oracle"], kind)]
+    kinds = [kind for kind in KINDS_OF_FAULT if of_kind(struck["oracle"], kind)]
     places = np.arange(len(kinds), dtype=np.float64)
     for number, pilot in enumerate(PILOTS):
-        shares = [_rate(map(_saved, _of(struck[pilot], kind))) for kind in kinds]
+        shares = [_rate(map(is_saved, of_kind(struck[pilot], kind))) for kind in kinds]
         left.barh(
             places + 0.2 * (number - 1.5), [100.0 * one for one in shares], 0.18, color=COLOURS[pilot],
             label=pilot,
@@ -230,7 +232,7 @@ def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
     left.set_title("How flights end")
     for number, pilot in enumerate(WATCHERS):
         for place, kind in zip(places, kinds, strict=True):
-            those = _of(struck[pilot], kind)
+            those = of_kind(struck[pilot], kind)
             delays = sorted(max(one.detection, 0.1) for one in those if _detected(one))
             if not delays:
                 continue
@@ -264,14 +266,6 @@ def _detected(flight: Flight) -> bool:
     return bool(np.isfinite(flight.alarm) and flight.alarm >= flight.onset)
 
 
-def _saved(flight: Flight) -> bool:
-    return flight.end in ("captured", "retreated")
-
-
-def _of(flights: Iterable[Flight], kind: str) -> list[Flight]:
-    return [one for one in flights if one.kind == kind]
-
-
 def _median(values: Sequence[float]) -> float:
     """The middle one, with flights without an alarm at the end; no number of none."""
     return sorted(values)[len(values) // 2] if values else float("nan")
@@ -287,13 +281,6 @@ def _seconds(value: float) -> str:
 
 def _percent(part: int, whole: int) -> str:
     return f"{100.0 * part / whole:.1f} %" if whole else "none"
-
-
-def _share(part: int, whole: int) -> str:
-    if whole == 0:
-        return "-"
-    low, high = clopper_pearson(part, whole)
-    return f"{100.0 * part / whole:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
 REPRODUCTIONS = (

@@ -15,8 +15,8 @@ faults of branch B, a vehicle that is not MSR-A.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -30,11 +30,13 @@ from thruster_baselines.detection.residuals import (
     FusionDetector,
     margin_threshold,
 )
+from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
 __all__ = [
     "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "Flight", "calibrate", "fly", "fly_healthy",
+    "is_saved", "of_kind", "share",
 ]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
@@ -116,13 +118,34 @@ def fly_healthy(pilot: str, seeds: Sequence[int], thresholds: dict[str, float]) 
     return _batch(pilot, "healthy", seeds, thresholds)
 
 
-def fly(pilot: str, seeds: Sequence[int], thresholds: dict[str, float]) -> list[Flight]:
+def fly(
+    pilot: str, seeds: Sequence[int], thresholds: dict[str, float], *, spare_branch: bool = True
+) -> list[Flight]:
     """One flight per seed, with the kinds of fault in turn; in the order of the seeds."""
     flights: list[Flight] = []
     for number, kind in enumerate(KINDS_OF_FAULT):
         if len(seeds) > number:
-            flights += _batch(pilot, kind, seeds[number :: len(KINDS_OF_FAULT)], thresholds)
+            struck = seeds[number :: len(KINDS_OF_FAULT)]
+            flights += _batch(pilot, kind, struck, thresholds, spare_branch=spare_branch)
     return sorted(flights, key=lambda one: one.seed)
+
+
+def is_saved(flight: Flight) -> bool:
+    """Whether it was captured or has retreated."""
+    return flight.end in ("captured", "retreated")
+
+
+def of_kind(flights: Iterable[Flight], kind: str) -> list[Flight]:
+    """Those that were struck by a kind of fault."""
+    return [one for one in flights if one.kind == kind]
+
+
+def share(part: int, whole: int) -> str:
+    """A share with its 95 % interval, as text."""
+    if whole == 0:
+        return "-"
+    low, high = clopper_pearson(part, whole)
+    return f"{100.0 * part / whole:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
 def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNavigationDetector | None:
@@ -136,8 +159,16 @@ def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNa
     return None
 
 
-def _batch(pilot: str, kind: str, seeds: Sequence[int], thresholds: dict[str, float]) -> list[Flight]:
+def _batch(
+    pilot: str,
+    kind: str,
+    seeds: Sequence[int],
+    thresholds: dict[str, float],
+    *,
+    spare_branch: bool = True,
+) -> list[Flight]:
     count = len(seeds)
+    spacecraft = replace(load("msr_chaser"), spare_branch=spare_branch)
     faults = None
     if kind != "healthy":
         name, severity = KINDS_OF_FAULT[kind]
@@ -145,10 +176,11 @@ def _batch(pilot: str, kind: str, seeds: Sequence[int], thresholds: dict[str, fl
             probability=1.0, kinds=(name,), severity={name: severity}, onset=ONSET, onset_grid=0.1
         )
     envs: Any = gym.make_vec(
-        ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", inhibit=True, faults=faults
-    )
+        ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", spacecraft=spacecraft,
+        inhibit=True, faults=faults,
+    )  # fmt: skip
     observations, info = envs.reset(seed=list(seeds))
-    spacecraft, steps = load("msr_chaser"), envs.unwrapped.worlds.task.steps
+    steps = envs.unwrapped.worlds.task.steps
     protected = ChaserPilot(spacecraft, steps, _detector(pilot, thresholds, count), vehicles=count)
     plain = ApproachController(spacecraft, steps)
     truth = {key: info["fault"][key][:, 0].copy() for key in ("thruster", "kind", "severity")}
