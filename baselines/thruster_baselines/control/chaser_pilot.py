@@ -15,6 +15,23 @@ what is wrong with it. Then:
   chaser is about to leave its corridor, or when it is not within the tolerances of capture just before the
   target. It then flies back along-track, away from the target, until it is out of reach.
 
+A vehicle without branch B has to do with what is left (`valve_allocation`):
+
+- a thruster that is stuck, leaks, is weak or late goes on being used as it is, as long as wrenches of every
+  direction can be given, `least_authority` of each axis at the least; a slow one does no harm;
+- otherwise its isolation valve is closed. The attitude is still held in full, since four of the seven turn
+  the chaser every way, and whatever force is left then lies in a cone of three directions. The approach is
+  given up: it flies off in the direction that is nearest to straight back, diagonally if the thruster pushed
+  back, and lets itself be carried across. Nearer than `commitment` that would lead out of the corridor before
+  it leads away from the target, so it goes on, unbraked, and holds across what it can;
+- what is wrong is asked again some seconds after a name, and then the detector begins anew with what is
+  believed. A later name has to weigh something. Once authority is lost nothing is diagnosed any more: whoever
+  closed the wrong valve has lost two thrusters.
+
+An isolation valve is closed for good. Opened and closed in every period it would make of a thruster that is
+stuck open one that is on or off for a tenth of a second, but a latch valve is not made for hundreds of
+strokes nor for such haste, and nothing tells whether a stroke was carried out.
+
 The source (Fonod et al. 2013) names the thruster and says nothing of what comes after; rules and numbers
 are ours. Left out: faults of branch B, a second approach after a retreat, two faults at once.
 """
@@ -38,7 +55,6 @@ __all__ = ["ChaserDecision", "ChaserPilot", "RecoverySettings"]
 
 _ANGLE, _RATE, _VELOCITY, _BOUND = 0.1, 0.02, 0.1, 5.0  # what 1 of an observation stands for; where it ends
 _ALPHA, _BETA = 0.3, 0.05  # of the filter of the observed velocity
-_FACING = np.array([0.5, 0.5, 0.5, -0.5])  # attitude of the approach, body from LVLH
 _OPENED = "stuck_on"  # what a detector that cannot identify looks for
 
 
@@ -48,25 +64,25 @@ class RecoverySettings:
 
     Attributes:
         kept_share: Least thrust of a weak thruster that goes on being used, as a share.
-        doubt_time: From an alarm without a name to branch B, s.
+        doubt_time: From an alarm without a name to branch B, or without one to a retreat, s.
         near: Distance from the target below which an alarm alone is reason to go over, m.
         settling: How long alarms on branch B are taken for the swing of a filter that has begun anew, s.
-        retreat_speed: Along-track, away from the target, m/s.
+        retreat_speed: Away from the target, m/s.
         retreat_acceleration: Until then, m/s^2.
         gate: Distance before the target where the tolerances of capture have to be met, m.
         offset: Across the approach, at the gate, m.
         lateral_speed: Across the approach, at the gate, m/s.
         angle: From the attitude of the approach, at the gate, rad.
         spin: Body rate against LVLH, at the gate, rad/s.
-        least_authority: Share of every axis' authority below which a thruster is rather closed, where there
-            is no spare branch.
-        reviews: How long after a name it is asked again what is wrong with the thruster, s; the last answer
-            is what the detector expects from then on.
-        slowest: Time constant of a slow valve from which on one does not believe in it, s.
+        least_authority: Share of that of each axis below which a thruster's valve is rather closed, where
+            there is no branch B.
+        reviews: When after a name it is asked again what is wrong with the thruster, s; the last answer is
+            what the detector expects from then on.
+        slowest: Time constant from which on an answer that the valve is slow is taken for none, s.
         second_fault: By how much a thruster that is named after a re-allocation has to be off what is
             expected of it, as an open rate, for the belief to change.
-        swing: How long alarms after a re-allocation are taken for the swing of a filter that did not know of
-            the fault, s.
+        swing: How long alarms after a re-allocation are taken for the swing of a filter that has begun anew
+            and learns the errors of more thrust, s.
         straight: Cosine of the angle from straight back up to which a retreat stays in the corridor.
         commitment: Distance from the target below which an approach that has lost authority goes on, if a
             retreat would not be straight, m.
@@ -132,7 +148,8 @@ class ChaserPilot:
     """Approaches, diagnoses and recovers, from observations of `MarsRendezvous-v0` with `inhibit=True`.
 
     Args:
-        spacecraft: As the flight software believes it.
+        spacecraft: As the flight software believes it: with isolation valves, and with or without a spare
+            branch.
         steps: Control periods of an episode: `task.steps` of the unwrapped environment.
         detector: Made for as many vehicles as there are; None for a pilot that hears of faults by `tell`.
         vehicles: How many are flown.
@@ -168,6 +185,9 @@ class ChaserPilot:
         recovery: RecoverySettings | None = None,
     ) -> None:
         require(navigation_delay >= 1, "navigation_delay", navigation_delay, "a whole number of 1 or more")
+        require(
+            spacecraft.isolation_valves, "spacecraft: isolation_valves", spacecraft.isolation_valves, "True"
+        )
         require(vehicles >= 1, "vehicles", vehicles, "one or more")
         self.controller = ApproachController(
             spacecraft, steps, distance=distance, navigation_delay=navigation_delay, settings=approach
@@ -176,8 +196,7 @@ class ChaserPilot:
         self.recovery = RecoverySettings() if recovery is None else recovery
         self.log: list[ChaserDecision] = []
         self._n, self._period = spacecraft.number_of_thrusters, spacecraft.control_period
-        self._motion, self._nominal = spacecraft.mean_motion, spacecraft.effectiveness()
-        self._wrenches = spacecraft.wrenches()
+        self._nominal, self._wrenches = spacecraft.effectiveness(), spacecraft.wrenches()
         self._push = AXES.T @ self._wrenches[:3] / spacecraft.mass  # m/s^2, LVLH
         self._spare = spacecraft.spare_branch
         self._allocation = ValveAllocation(self._wrenches)
@@ -224,10 +243,14 @@ class ChaserPilot:
     def tell(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Hear the truth about a thruster, from 1, of somebody who knows it; recovery follows at once."""
         self._note(vehicle, "told", thruster, kind, severity)
-        self._recover(vehicle, thruster, kind, severity)
+        if self._spare:
+            self._recover(vehicle, thruster, kind, severity)
+        else:
+            self._allot(vehicle, thruster, kind, severity)
+            self._settle(vehicle)
 
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Actions (..., 2 n + 1), -1 to 1, for observations (..., m) of all vehicles."""
+        """Actions (..., 2 n + 1), -1 to 1, for observations (..., m) of all vehicles; 2 n with one branch."""
         seen = np.asarray(observation, np.float64)
         rows = seen.reshape(-1, seen.shape[-1]).copy()
         if rows.shape[0] != self._vehicles:
@@ -311,7 +334,7 @@ class ChaserPilot:
             return
         if isinstance(detector, FusionDetector):
             detector.first_velocity[:] = velocity
-        attitude, rate = self._turned(rows)
+        attitude, rate = self.controller.attitude(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh
         told = np.where(self._fresh[:, np.newaxis], 0.0, self._expected.delivered(self._commands[0]))
@@ -406,22 +429,24 @@ class ChaserPilot:
         if kind == "stuck_on" and severity < idle:
             # While commands hardly change, a constant is also a share of them, and that can be made good.
             kind, severity = "loss", 1.0 - severity / idle
-        self._closed[vehicle] = False
+        self._closed[vehicle] = False  # of whoever was blamed before
         belief.blame(vehicle, thruster, kind, severity, period=self._period, idle=idle)
         self._blamed[vehicle] = thruster
         left = authority(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
         self._limited[vehicle] = left < self.recovery.least_authority
+        self._note(vehicle, "re-allocated", thruster, kind, severity)
         if self._limited[vehicle]:
             if belief.floor[vehicle, thruster - 1] > 0.0:
-                self._close(vehicle, thruster)
+                self._close(vehicle)
             self._away[vehicle] = self._way_back(vehicle)
-        self._note(
-            vehicle, "inhibited" if self._closed[vehicle].any() else "re-allocated", thruster, kind, severity
-        )
 
-    def _close(self, vehicle: int, thruster: int) -> None:
-        self._closed[vehicle, thruster - 1] = True
-        self._belief.close(vehicle, thruster)
+    def _close(self, vehicle: int) -> None:
+        """Close the valve of the thruster that is blamed, unless it is closed."""
+        thruster = int(self._blamed[vehicle])
+        if not self._closed[vehicle, thruster - 1]:
+            self._closed[vehicle, thruster - 1] = True
+            self._belief.close(vehicle, thruster)
+            self._note(vehicle, "inhibited", thruster, "authority is lost")
 
     def _review(self) -> None:
         """Ask again what is wrong with thrusters that were named a little while ago."""
@@ -461,14 +486,15 @@ class ChaserPilot:
     def _settle(self, vehicle: int) -> None:
         """Let the detector expect what is believed now; a thruster that is of no use any more is closed."""
         if self._limited[vehicle]:
-            self._close(vehicle, int(self._blamed[vehicle]))
+            self._close(vehicle)
         self._reviews[vehicle] = -1
         self._expected.take(self._belief, vehicle)
         self._settled[vehicle] = self._blamed[vehicle]
         self._alarm[vehicle] = np.inf
-        self._changed[vehicle] = self._period * self._elapsed[vehicle]
-        if self.detector is not None and not self._spare:
-            self.detector.reset(np.arange(self._vehicles) == vehicle)
+        if not self._spare:
+            self._changed[vehicle] = self._period * self._elapsed[vehicle]
+            if self.detector is not None:
+                self.detector.reset(np.arange(self._vehicles) == vehicle)
         self._expect(vehicle)
 
     def _expect(self, vehicle: int) -> None:
@@ -548,27 +574,6 @@ class ChaserPilot:
         now = speed - law.retreat_acceleration * braked
         place = along + speed * braked - 0.5 * law.retreat_acceleration * braked**2 + now * (since - braked)
         return place, now, np.where(since < turning, -law.retreat_acceleration, 0.0)
-
-    def _turned(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(vehicles, 4) attitude, body from LVLH, and (vehicles, 3) inertial body rate, rad/s."""
-        vector = -0.5 * _ANGLE * rows[:, 9:12]
-        a = np.sqrt(np.maximum(0.0, 1.0 - (vector**2).sum(axis=1)))
-        w, x, y, z = _FACING
-        b, c, d = vector.T
-        q = np.stack(
-            [
-                a * w - b * x - c * y - d * z,
-                a * x + b * w + c * z - d * y,
-                a * y - b * z + c * w + d * x,
-                a * z + b * y - c * x + d * w,
-            ],
-            axis=1,
-        )
-        w, x, y, z = q.T
-        normal = np.stack(
-            [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1
-        )  # of the orbit, body axes
-        return q, _RATE * rows[:, 12:15] + self._motion * normal
 
     def _note(
         self, vehicle: int, what: str, thruster: int, reason: str, severity: float = float("nan")
