@@ -10,8 +10,6 @@ Left out: environments in which several craft fail. What is measured after a fli
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -20,7 +18,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from thruster_baselines.detection.flights import Flights, faults_of, one_fault_each, truth_of
+from thruster_baselines.detection.flights import Flights, faults_of, joined, one_fault_each, truth_of
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
@@ -150,16 +148,7 @@ class EnvironmentFlights:
             self._fly(seeds[first : first + self.worlds], faulty)
             for first in range(0, len(seeds), self.worlds)
         ]
-        if len(parts) == 1:
-            return parts[0]
-        joined: dict[str, Any] = {}
-        for one in dataclasses.fields(Flights):
-            values = [getattr(part, one.name) for part in parts]
-            if isinstance(values[0], tuple):
-                joined[one.name] = tuple(itertools.chain.from_iterable(values))
-            else:
-                joined[one.name] = np.concatenate(values) if isinstance(values[0], np.ndarray) else values[0]
-        return Flights(**joined)
+        return joined(parts)
 
     def _fly(self, seeds: Sequence[int], faulty: bool) -> Flights:
         """One flight for each seed, side by side."""

@@ -14,10 +14,11 @@ grid of intervals are exact.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numba import njit
@@ -31,6 +32,8 @@ from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FlightSource", "Flights", "RandomFlights", "RecordedFlights"]
+
+_Flights = TypeVar("_Flights")
 
 
 class RecordedFlights(Protocol):
@@ -234,6 +237,21 @@ class RandomFlights:
         rate_change[spoilt] = np.nan
         rate_change[far] += 1e3 * self.spacecraft.authority(self.duration)
         return ~missing, np.where(late, self.duration, 0.0)
+
+
+def joined(parts: Sequence[_Flights]) -> _Flights:
+    """Batches of flights of the same form and length as one, in their order."""
+    first: Any = parts[0]
+    values: dict[str, Any] = {}
+    for one in dataclasses.fields(first):
+        held = [getattr(part, one.name) for part in parts]
+        values[one.name] = held[0]
+        if isinstance(held[0], tuple):
+            values[one.name] = tuple(itertools.chain.from_iterable(held))
+        elif isinstance(held[0], np.ndarray):
+            values[one.name] = np.concatenate(held)
+    whole: _Flights = type(first)(**values)
+    return whole
 
 
 def one_fault_each(faults: FaultDistribution) -> FaultDistribution:
