@@ -18,6 +18,7 @@ from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternion_team import QuaternionTeam
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
+from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
 
 __all__ = [
     "ApproachController",
@@ -39,6 +40,9 @@ __all__ = [
     "RendezvousPolicy",
     "RendezvousSettings",
     "ThrusterBelief",
+    "ValveAllocation",
+    "ValveBelief",
     "VectorDiagnosisObservation",
+    "authority_left",
     "settings_for",
 ]

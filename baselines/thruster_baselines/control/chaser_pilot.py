@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
-from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority
+from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
 from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
@@ -432,7 +432,7 @@ class ChaserPilot:
         self._closed[vehicle] = False  # of whoever was blamed before
         belief.blame(vehicle, thruster, kind, severity, period=self._period, idle=idle)
         self._blamed[vehicle] = thruster
-        left = authority(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
+        left = authority_left(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
         self._limited[vehicle] = left < self.recovery.least_authority
         self._note(vehicle, "re-allocated", thruster, kind, severity)
         if self._limited[vehicle]:

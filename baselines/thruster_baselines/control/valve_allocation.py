@@ -12,9 +12,9 @@ between two bounds, and to allocate a wrench w is to find rates v between them w
 3. otherwise those that come nearest to the torque, each axis by its own authority, and then to the force.
 
 The first case has a closed form where that meets the bounds; the rest are small quadratic programs (DAQP).
-How much authority bounds leave is measured by the largest ball of wrenches that they allow (`authority`):
-eight thrusters that just suffice for six directions lose it all when one of them is closed, and keep some
-when it is stuck half open.
+How much authority bounds leave is measured by the largest ball of wrenches that they allow
+(`authority_left`): eight thrusters that just suffice for six directions lose it all when one of them is
+closed, and keep some when it is stuck half open.
 
 Left out: the shared feed, the shortest pulse, thrusters that are slow, and the time that a pulse takes.
 """
@@ -31,7 +31,7 @@ from thruster_baselines.mapping.model import require_command_shape, require_fini
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray
 
-__all__ = ["ValveAllocation", "ValveBelief", "authority"]
+__all__ = ["ValveAllocation", "ValveBelief", "authority_left"]
 
 _ROUND_OFF = 1e-9  # open rates over a bound by less than this are within it
 _OPTIMAL = 1  # DAQP's exit flag
@@ -169,7 +169,7 @@ class ValveBelief:
         return np.asarray(self.floor + self.slope * np.maximum(told - self.lost, 0.0))
 
 
-def authority(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
+def authority_left(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
     """Radius of the largest ball of wrenches about none that thrusters can give, each axis by its authority.
 
     The authority of an axis is the largest wrench about or along it alone that the thrusters of a vehicle in
@@ -184,8 +184,10 @@ def authority(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
     Returns:
         Zero, or less, if not even no wrench can be given in the middle of others.
 
-    >>> authority([[1.0, -1.0]], [0.0, 0.0], [1.0, 1.0]), authority([[1.0, -1.0]], [0.0, 0.2], [1.0, 1.0])
-    (1.0, 0.8)
+    >>> authority_left([[1.0, -1.0]], [0.0, 0.0], [1.0, 1.0])
+    1.0
+    >>> authority_left([[1.0, -1.0]], [0.0, 0.2], [1.0, 1.0])  # the second one leaks
+    0.8
     """
     given = np.asarray(wrenches, np.float64)
     columns = given / (0.5 * np.abs(given).sum(axis=1, keepdims=True))
