@@ -25,6 +25,7 @@ from reproductions.fonod2013.recovery_flights import (
     fly,
     fly_healthy,
     is_saved,
+    is_struck,
     of_kind,
     share,
 )
@@ -51,7 +52,7 @@ def study(effort: Effort) -> Finding:
         + sum(one.alarm < one.onset for one in flights[pilot])
         for pilot in WATCHERS
     }
-    struck = {pilot: [one for one in flights[pilot] if _struck(one)] for pilot in PILOTS}
+    struck = {pilot: [one for one in flights[pilot] if is_struck(one)] for pilot in PILOTS}
     savable = {one.seed for one in struck["oracle"] if is_saved(one)}
     best = struck["best stack"]
     detected = [one for one in best if _detected(one)]
@@ -255,11 +256,6 @@ def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(PILOTS))
     save(figure, path)
-
-
-def _struck(flight: Flight) -> bool:
-    """Whether the fault began before the flight was over, or an alarm came before it."""
-    return bool(np.isfinite(flight.onset) or np.isfinite(flight.alarm))
 
 
 def _detected(flight: Flight) -> bool:

@@ -36,7 +36,7 @@ from thruster_envs.spacecraft import load
 
 __all__ = [
     "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "Flight", "calibrate", "fly", "fly_healthy",
-    "is_saved", "of_kind", "share",
+    "is_saved", "is_struck", "of_kind", "share",
 ]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
@@ -133,6 +133,11 @@ def fly(
 def is_saved(flight: Flight) -> bool:
     """Whether it was captured or has retreated."""
     return flight.end in ("captured", "retreated")
+
+
+def is_struck(flight: Flight) -> bool:
+    """Whether the fault began before the flight was over, or an alarm came before it."""
+    return bool(np.isfinite(flight.onset) or np.isfinite(flight.alarm))
 
 
 def of_kind(flights: Iterable[Flight], kind: str) -> list[Flight]:
