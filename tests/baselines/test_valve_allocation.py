@@ -172,12 +172,23 @@ def test_a_second_fault_found_on_top_of_a_belief_adds_up():
     assert belief.commands(np.full((1, 8), 0.3))[0, 2] == 0.0
 
 
+def test_six_thrusters_have_nothing_to_choose():
+    allocation = ValveAllocation(np.eye(6))
+    lower, upper = np.zeros((2, 6)), np.ones((2, 6))
+    wanted = np.array([[0.5] * 6, [0.5, 0.5, 2.0, 0.5, 0.5, 0.5]])
+    rates = allocation(wanted, lower, upper)
+    np.testing.assert_allclose(rates, np.minimum(wanted, 1.0), atol=1e-6)
+    assert authority_left(np.eye(6), lower[0], upper[0]) == 0.0
+
+
 def test_bad_input_is_refused_in_one_line():
     sound = ValveBelief.sound(1, 8)
     with pytest.raises(ValueError, match=r"lower is 1.0 of vehicle 0, thruster 1; no more than upper, which"):
         ALLOCATION(np.zeros((1, 6)), np.ones((1, 8)), np.zeros((1, 8)))
     with pytest.raises(ValueError, match=r"lower: shape is \(2, 8\); \(1, 8\) would be right"):
         ALLOCATION(np.zeros((1, 6)), np.zeros((2, 8)), sound.upper)
+    with pytest.raises(ValueError, match=r"wrench: shape is \(6,\); \(vehicles, 6\) would be right"):
+        ALLOCATION(np.zeros(6), sound.lower, sound.upper)
     with pytest.raises(ValueError, match="nan"):
         ALLOCATION(np.full((1, 6), np.nan), sound.lower, sound.upper)
     with pytest.raises(ValueError, match="kind is 'misalignment'; stuck_on, stuck_off, leak, loss"):

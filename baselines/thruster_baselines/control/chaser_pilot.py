@@ -409,26 +409,18 @@ class ChaserPilot:
             return
         second = self._blamed[vehicle] > 0
         if not second and not self._says_nothing(kind, severity):
-            self._allot(vehicle, thruster, kind, severity)
+            self._allot(vehicle, thruster, *self._understood(vehicle, thruster, kind, severity))
         if isinstance(self.detector, FusionDetector) and not self._closed[vehicle].any():
             self._reviewed[vehicle], self._reviews[vehicle] = thruster, 0
             self._named_at[vehicle] = self._period * self._elapsed[vehicle]
         else:
             if second:
-                self._allot(vehicle, thruster, kind, severity)
+                self._allot(vehicle, thruster, *self._understood(vehicle, thruster, kind, severity))
             self._settle(vehicle)
 
     def _allot(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Believe in a fault; where too little authority is left, close a valve that will not close."""
         belief, idle = self._belief, self.controller.settings.idle
-        if self._settled[vehicle] == thruster:
-            kind, severity = self._expected.together(vehicle, thruster, kind, severity)
-        held = float(belief.hold[vehicle, thruster - 1])
-        if kind == "leak" and held > 0.0:  # as long as it is told one and the same, a leak is a constant
-            kind, severity = "stuck_on", severity + (1.0 - severity) * held
-        if kind == "stuck_on" and severity < idle:
-            # While commands hardly change, a constant is also a share of them, and that can be made good.
-            kind, severity = "loss", 1.0 - severity / idle
         self._closed[vehicle] = False  # of whoever was blamed before
         belief.blame(vehicle, thruster, kind, severity, period=self._period, idle=idle)
         self._blamed[vehicle] = thruster
@@ -439,6 +431,19 @@ class ChaserPilot:
             if belief.floor[vehicle, thruster - 1] > 0.0:
                 self._close(vehicle)
             self._away[vehicle] = self._way_back(vehicle)
+
+    def _understood(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
+        """The fault that an answer of the detector, which was told of another belief, stands for."""
+        idle = self.controller.settings.idle
+        if self._settled[vehicle] == thruster:
+            kind, severity = self._expected.together(vehicle, thruster, kind, severity)
+        held = float(self._belief.hold[vehicle, thruster - 1])
+        if kind == "leak" and held > 0.0:  # as long as it is told one and the same, a leak is a constant
+            kind, severity = "stuck_on", severity + (1.0 - severity) * held
+        if kind == "stuck_on" and severity < idle:
+            # While commands hardly change, a constant is also a share of them, and that can be made good.
+            kind, severity = "loss", 1.0 - severity / idle
+        return kind, severity
 
     def _close(self, vehicle: int) -> None:
         """Close the valve of the thruster that is blamed, unless it is closed."""
@@ -464,7 +469,7 @@ class ChaserPilot:
             if self._says_nothing(kind, size):
                 pass
             elif self._settled[vehicle] == 0 or (last and self._weighs(int(vehicle), thruster, kind, size)):
-                self._allot(int(vehicle), thruster, kind, size)
+                self._allot(int(vehicle), thruster, *self._understood(int(vehicle), thruster, kind, size))
             if last or self._closed[vehicle].any():
                 self._settle(int(vehicle))
 

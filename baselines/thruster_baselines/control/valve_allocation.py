@@ -190,7 +190,8 @@ def authority_left(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> f
     0.8
     """
     given = np.asarray(wrenches, np.float64)
-    columns = given / (0.5 * np.abs(given).sum(axis=1, keepdims=True))
+    size = 0.5 * np.abs(given).sum(axis=1, keepdims=True)
+    columns = given / np.maximum(size, np.finfo(np.float64).tiny)
     least, most = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
     moving = np.flatnonzero(most - least > _ROUND_OFF)
     axes = given.shape[0]
@@ -235,7 +236,7 @@ class ValveAllocation:
         self._n = self.wrenches.shape[1]
         self._null = _null_space(self.wrenches)
         self._together: FloatArray = self._null @ self._null.sum(axis=0)  # what of all of them does nothing
-        size = 0.5 * np.abs(self.wrenches).sum(axis=1)
+        size = np.maximum(0.5 * np.abs(self.wrenches).sum(axis=1), np.finfo(np.float64).tiny)
         self._force = self.wrenches[:3] / size[:3].max()  # of the same unit on all axes: nearest in N
         self._force_size = float(size[:3].max())
         torque = self.wrenches[3:]
@@ -265,6 +266,7 @@ class ValveAllocation:
             ValueError: A wrench that is no number; bounds of a wrong shape, or crossed.
         """
         wanted = np.asarray(wrench, np.float64)
+        require(wanted.ndim == 2, "wrench: shape", wanted.shape, "(vehicles, 6)")
         require_command_shape(wanted, 6)
         require_finite_command(wanted)
         least, most = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
@@ -317,6 +319,9 @@ def _nearest(
     most: FloatArray,
 ) -> FloatArray | None:
     """`start + directions z` within bounds with the least z H z / 2 + g z; None if there are none."""
+    if directions.shape[1] == 0:
+        within = (start >= least - _ROUND_OFF) & (start <= most + _ROUND_OFF)
+        return start if within.all() else None
     import daqp  # only here: sound thrusters need no solver
 
     steps, _, flag, _ = daqp.solve(
