@@ -11,7 +11,7 @@ from numba import njit
 from tests.baselines import chaser_flight
 from tests.physics.closed_forms import product
 from tests.tasks.flying import begin
-from thruster_envs.faults import Fault
+from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.physics import disturbances
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
@@ -310,6 +310,65 @@ def test_a_fault_is_over_for_info_once_its_branch_is_left():
     assert env.step(action)[-1]["fault"]["active"].tolist() == [True, False, False, False]
     action[16] = 1.0
     assert not env.step(action)[-1]["fault"]["active"].any()
+
+
+def on_branch(faults, switch, steps=60, worlds=3, seed=4):
+    """Impulse of each thruster, s, after going over to the spare branch at step ``switch``, if at all."""
+    batch = begin(MarsRendezvous(inhibit=True, faults=faults), worlds=worlds, seed=seed)
+    given = np.zeros((worlds, 8))
+    for k in range(steps):
+        actions = np.full((worlds, 1, 17), -1.0)
+        actions[..., :8] = -0.6
+        actions[..., 16] = 1.0 if switch is not None and k >= switch else -1.0
+        batch.step(actions)
+        if k >= steps - 10:
+            given += batch.fleet.read(batch.fleet.layout.delivered, 8)[:, 0]
+    return batch, given
+
+
+def test_what_is_wrong_with_the_spare_branch_shows_once_it_is_in_use():
+    failed = [Fault(8 + 5, "stuck_off", onset=1.0), Fault(2, "stuck_off", onset=1.0)]
+    batch, given = on_branch(failed, None)
+    assert np.all((given < 1e-9) == (np.arange(8) == 1))
+    told = batch.info()["fault"]
+    np.testing.assert_array_equal(told["thruster"][:, 0, :2], [[13, 2]] * 3)
+    np.testing.assert_array_equal(told["active"][:, 0, :2], [[False, True]] * 3)
+    batch, given = on_branch(failed, 30)
+    assert np.all((given < 1e-9) == (np.arange(8) == 4))
+    told = batch.info()["fault"]
+    np.testing.assert_array_equal(told["thruster"][:, 0, :2], [[13, 2]] * 3)
+    np.testing.assert_array_equal(told["active"][:, 0, :2], [[True, False]] * 3)
+
+
+def test_a_saved_state_remembers_which_branch_a_fault_is_on():
+    failed = Fault(8 + 5, "stuck_on", severity=0.5, onset=1.0)
+    batch, _ = on_branch(failed, 30)
+    saved = batch.save()
+    other, _ = on_branch(failed, None, steps=20)
+    other.restore(saved)
+    for name, array in batch.info()["fault"].items():
+        np.testing.assert_array_equal(other.info()["fault"][name], array)
+    actions = np.full((3, 1, 17), -1.0)
+    np.testing.assert_array_equal(other.step(actions).observations, batch.step(actions).observations)
+
+
+def test_a_distribution_strikes_the_spare_branch_where_it_is_listed():
+    settings = {"probability": 1.0, "kinds": ("stuck_off",), "onset": (0.0, 1.0)}
+    batch, _ = on_branch(FaultDistribution(**settings, thrusters=tuple(range(1, 17))), None, 1, 400)
+    struck = batch.info()["fault"]["thruster"][:, 0, 0]
+    assert set(struck.tolist()) == set(range(1, 17))
+    batch, _ = on_branch(FaultDistribution(**settings), None, 1, 200)
+    assert set(batch.info()["fault"]["thruster"][:, 0, 0].tolist()) == set(range(1, 9))
+
+
+def test_where_there_is_no_spare_branch_its_thrusters_cannot_fail():
+    alone = dataclasses.replace(CHASER, spare_branch=False)
+    with pytest.raises(ValueError, match="fault 1 is on thruster 9; a number from 1 to 8 would be right"):
+        Worlds(MarsRendezvous(spacecraft=alone, faults=Fault(9, "stuck_off")), 1)
+    with pytest.raises(ValueError, match="fault 1 is on thruster 17; a number from 1 to 16 would be right"):
+        Worlds(MarsRendezvous(faults=Fault(17, "stuck_off")), 1)
+    with pytest.raises(ValueError, match=r"thrusters: one of them is 17; a number from 1 to 16 would be"):
+        Worlds(MarsRendezvous(faults=FaultDistribution(thrusters=(17,))), 1)
 
 
 def test_info_has_the_true_delay_of_each_pulse():

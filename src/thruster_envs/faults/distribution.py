@@ -88,7 +88,7 @@ class FaultDistribution:
         profiles: The profiles that occur, equally likely. The kind `intermittent` always has its own.
         profile_time: Range, s.
         dwell: Range of the share of each period during which an intermittent profile is on.
-        thrusters: Numbers, from 1, of the thrusters that may fail; None for all.
+        thrusters: Numbers, from 1, of the thrusters that may fail; None for all that are in use at the start.
         onset_grid: Onsets are rounded down to multiples of this, s; 0 leaves them as they are drawn.
         shared: Whether each fault strikes all thrusters that share a capacitor with the one drawn.
 
@@ -145,12 +145,16 @@ class FaultDistribution:
             return {kind: weight for kind, weight in self.kinds.items() if weight > 0.0}
         return dict.fromkeys(self.kinds, 1.0)
 
-    def encode(self, number_of_thrusters: int | None = None, number_of_craft: int = 1) -> NDArray[np.float64]:
+    def encode(
+        self, number_of_thrusters: int | None = None, number_of_craft: int = 1, *, spare: int = 0
+    ) -> NDArray[np.float64]:
         """The distribution as a flat table, which a compiled kernel draws from.
 
         Args:
             number_of_thrusters: Of each craft; when given, what may fail is checked against it.
             number_of_craft: In the world.
+            spare: Thrusters of each craft's spare branch, whose numbers go on after the others; they fail
+                where they are listed.
 
         Returns:
             (FIRST_CHOICE + k,): laid out by the index constants of this module; k is the number of
@@ -163,10 +167,10 @@ class FaultDistribution:
         if number_of_thrusters is not None:
             for thruster in choices:
                 require(
-                    thruster <= number_of_thrusters,
+                    thruster <= number_of_thrusters + spare,
                     "thrusters: one of them",
                     thruster,
-                    f"a number from 1 to {number_of_thrusters}",
+                    f"a number from 1 to {number_of_thrusters + spare}",
                 )
             most = number_of_craft * (len(choices) or number_of_thrusters)
             require(

@@ -35,9 +35,9 @@ FAULT_FIELDS = (
     "azimuth",
     "shared",
 )
-"""The columns of an encoded fault: kind code; thruster index from 0; severity; onset and end in s; profile
-code; profile_time in s; dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same
-capacitor, else 0."""
+"""The columns of an encoded fault: kind code, with a minus sign as long as the thruster is on a spare branch
+that is not in use; thruster index from 0; severity; onset and end in s; profile code; profile_time in s;
+dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same capacitor, else 0."""
 
 (
     FIELD_KIND,
@@ -55,7 +55,7 @@ capacitor, else 0."""
 
 
 def encode(
-    faults: Iterable[Fault], number_of_craft: int, number_of_thrusters: int, slots: int
+    faults: Iterable[Fault], number_of_craft: int, number_of_thrusters: int, slots: int, *, spare: int = 0
 ) -> NDArray[np.float64]:
     """Rows of one world.
 
@@ -64,9 +64,11 @@ def encode(
         number_of_craft: Spacecraft in the world.
         number_of_thrusters: Of each craft.
         slots: Faults that a craft can have.
+        spare: Thrusters of each craft's spare branch, whose numbers go on after the others.
 
     Returns:
-        (craft, slots, 10), columns as in `FAULT_FIELDS`; unused slots are zero.
+        (craft, slots, 10), columns as in `FAULT_FIELDS`; unused slots are zero. Kinds are positive, and
+        indices of thrusters on a spare branch go on after the others.
 
     Raises:
         ValueError: A craft or thruster that does not exist, or more faults on a craft than it has slots.
@@ -82,10 +84,10 @@ def encode(
                 f"fault {number} is on craft {fault.craft}; "
                 f"a number from 1 to {number_of_craft} would be right"
             )
-        if fault.thruster > number_of_thrusters:
+        if fault.thruster > number_of_thrusters + spare:
             raise ValueError(
                 f"fault {number} is on thruster {fault.thruster}; "
-                f"a number from 1 to {number_of_thrusters} would be right"
+                f"a number from 1 to {number_of_thrusters + spare} would be right"
             )
         craft = fault.craft - 1
         if used[craft] == slots:

@@ -92,7 +92,7 @@ def _choice(distribution, first, length, uniform):
 def _thruster(rows, distribution, thrusters, craft, used, uniform):
     """Index of a thruster that may fail and has no fault yet, all equally likely; -1 if there is none."""
     listed = int(distribution[table.NUMBER_OF_CHOICES])
-    candidates = np.empty(thrusters, np.int64)
+    candidates = np.empty(max(listed, thrusters), np.int64)
     free = 0
     for k in range(listed if listed > 0 else thrusters):
         thruster = int(distribution[table.FIRST_CHOICE + k]) if listed > 0 else k

@@ -37,6 +37,7 @@ from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
@@ -155,17 +156,18 @@ class Fleet:
         """
         self._check_kinds(source)
         n, period = self.layout.thrusters, self.spacecraft.control_period
+        spare = n if self._modulated is not None and self.spacecraft.spare_branch else 0
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table = source.encode(n, self.craft)
+            table = source.encode(n, self.craft, spare=spare)
             rows = np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
             if source.count[1] > self.slots:
                 raise ValueError(
                     f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
                 )
         else:
-            rows, table = encode(source, self.craft, n, self.slots), np.zeros(1)
+            rows, table = encode(source, self.craft, n, self.slots, spare=spare), np.zeros(1)
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
         if waves and shortest < period:
@@ -278,10 +280,19 @@ class Fleet:
             .copy()
         )
 
-    def fault_ends(self) -> FloatArray:
-        """When each of the encoded faults ends, as it stands now, s: (worlds, craft, slots)."""
-        ends = self.faults[..., code.FIELD_END].reshape(-1, self.slots)[: self.worlds * self.craft]
-        return ends.reshape(self.worlds, self.craft, self.slots)
+    def struck(self, time: ArrayLike) -> BoolArray:
+        """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
+
+        After its onset and before its end, on a thruster of the branch in use.
+        """
+        kind, onset, end = (
+            self.faults[..., field]
+            .reshape(-1, self.slots)[: self.worlds * self.craft]
+            .reshape(self.worlds, self.craft, self.slots)
+            for field in (code.FIELD_KIND, code.FIELD_ONSET, code.FIELD_END)
+        )
+        now = np.asarray(time)[:, np.newaxis, np.newaxis]
+        return np.asarray((kind > 0.0) & (onset <= now) & (now < end))
 
     def pulse_delays(self) -> FloatArray:
         """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
@@ -435,6 +446,10 @@ def _begin(
                 for column in range(width):
                     faults[b, w, slot, column] = fresh[c, slot, column]
                 i = int(fresh[c, slot, code.FIELD_THRUSTER])
+                if i >= n:  # of the spare branch, which is not in use yet
+                    i -= n
+                    faults[b, w, slot, code.FIELD_THRUSTER] = i
+                    faults[b, w, slot, code.FIELD_KIND] *= -1.0
                 azimuth = fresh[c, slot, code.FIELD_AZIMUTH]
                 for column in range(6):
                     faults[b, w, slot, at.FAULT_TILTED + column] = (

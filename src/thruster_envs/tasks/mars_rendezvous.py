@@ -8,9 +8,9 @@ mass and thrusts are not quite those of the description. It may close isolation 
 go over to a spare set of thrusters. Every number of the vehicle is MSR-A, ours: the source withholds them.
 
 The spare branch is the same set of thrusters again. So to go over to it is to leave behind what is wrong with
-the first: in the arrays every fault ends, and the pulses under way are lost, while the thrust of the branch
-left dies away by its lag. Leaves out faults of the spare branch and a way back, contact, plume impingement,
-the target's own motion, and any sight of the target outside of the corridor.
+the first: in the arrays every fault of the first ends, those of the spare one begin to strike, and the pulses
+under way are lost, while the thrust of the branch left dies away by its lag. Leaves out a way back, contact,
+plume impingement, the target's own motion, and any sight of the target outside of the corridor.
 """
 
 from __future__ import annotations
@@ -436,7 +436,10 @@ def _command(
                 for row in range(pending, inhibited):
                     data[b, row, w] = 0.0
                 for slot in range(faults.shape[2]):
-                    faults[b, w, slot, code.FIELD_END] = min(faults[b, w, slot, code.FIELD_END], time)
+                    if faults[b, w, slot, code.FIELD_KIND] > 0.0:
+                        faults[b, w, slot, code.FIELD_END] = min(faults[b, w, slot, code.FIELD_END], time)
+                    elif faults[b, w, slot, code.FIELD_KIND] < 0.0:
+                        faults[b, w, slot, code.FIELD_KIND] *= -1.0
         r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
         latitude = sky[world, 0] + turns * time
         pushed = disturb(r, latitude - math.floor(latitude), sky[world, 1], disturbances)

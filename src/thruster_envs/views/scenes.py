@@ -91,7 +91,7 @@ class Camera:
         info = worlds.info()
         rows = fleet.fault_rows()[world]
         time = float(fleet.read(at.STEP)[world, 0, 0]) * period
-        active = (rows[..., 0] > 0.0) & (rows[..., 3] <= time) & (time < rows[..., 4])
+        active = fleet.struck(fleet.read(at.STEP)[:, 0, 0] * period)[world]
         path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
         slots = (
             worlds.state.slots[world, :, :3]

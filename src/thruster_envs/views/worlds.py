@@ -75,7 +75,7 @@ class Worlds:
         self.fleet = self.state.fleet
         self.faults = self.fleet.plan(task.fault_source())
         self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
-        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
+        self._told = self._tell()
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -107,7 +107,7 @@ class Worlds:
         self.steps[which] = 0
         self.fleet.begin(which, self.keys, self.episodes, plan)
         self.task.reset(self.state, which)
-        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
+        self._told = self._tell()
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
@@ -167,13 +167,11 @@ class Worlds:
     def info(self, step: Step | None = None) -> dict[str, Any]:
         """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
 
-        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1; 0 is an empty slot), ``kind``
-        (code, in the order of ``thruster_envs.faults.KINDS`` from 1), ``severity``, ``active``. What a task
-        has to report beyond that comes last.
+        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a spare branch after the
+        others; 0 is an empty slot), ``kind`` (code, in the order of ``thruster_envs.faults.KINDS`` from 1),
+        ``severity``, ``active``. What a task has to report beyond that comes last.
         """
         truth, told = self.task.truth(self.state), self._told
-        time = (self.steps * self.task.vehicle.control_period)[:, np.newaxis, np.newaxis]
-        ends = self.fleet.fault_ends()[:, self._commanded]
         if step is None:
             terms, cost = np.zeros((*self._shape[:2], len(self.task.reward_terms))), np.zeros(self._shape[:2])
         else:
@@ -185,7 +183,9 @@ class Worlds:
                 "thruster": told.thruster.copy(),
                 "kind": told.kind.copy(),
                 "severity": told.severity.copy(),
-                "active": (told.kind != code.EMPTY) & (told.onset <= time) & (time < ends),
+                "active": self.fleet.struck(self.steps * self.task.vehicle.control_period)[
+                    :, self._commanded
+                ],
             },
             "fuel": truth.fuel,
             "score": truth.score,
@@ -196,7 +196,8 @@ class Worlds:
     def save(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, as copies by name."""
         own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
-        return self.state.save() | own | {"seeded": np.array(self.seeded)}
+        told = {f"told.{name}": array.copy() for name, array in self._told._asdict().items()}
+        return self.state.save() | own | told | {"seeded": np.array(self.seeded)}
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save` gave."""
@@ -204,7 +205,19 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded = bool(saved["seeded"])
-        self._told = _told(self.fleet.fault_rows()[:, self._commanded])
+        self._told = _Told(*(saved[f"told.{name}"].copy() for name in _Told._fields))
+
+    def _tell(self) -> _Told:
+        """Of the faults as an episode begins."""
+        rows = self.fleet.fault_rows()[:, self._commanded]
+        kind = rows[..., code.FIELD_KIND].astype(np.int64)
+        thruster = rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1
+        spare = self.task.vehicle.number_of_thrusters * (kind < 0)
+        return _Told(
+            np.where(kind != code.EMPTY, thruster + spare, 0),
+            np.abs(kind),
+            rows[..., code.FIELD_SEVERITY].copy(),
+        )
 
 
 class _Told(NamedTuple):
@@ -213,14 +226,6 @@ class _Told(NamedTuple):
     thruster: NDArray[np.int64]
     kind: NDArray[np.int64]
     severity: FloatArray
-    onset: FloatArray
-
-
-def _told(rows: FloatArray) -> _Told:
-    kind = rows[..., code.FIELD_KIND].astype(np.int64)
-    present = kind != code.EMPTY
-    thruster = np.where(present, rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1, 0)
-    return _Told(thruster, kind, rows[..., code.FIELD_SEVERITY].copy(), rows[..., code.FIELD_ONSET].copy())
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:

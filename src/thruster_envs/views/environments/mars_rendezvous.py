@@ -27,8 +27,10 @@ class MarsRendezvousEnv(TaskEnv):
 
     A thruster that is stuck open turns the chaser by ten degrees in about 25 s, against a pilot that knows of
     nothing, and pushes it out of the corridor within a minute. With `inhibit=True` the action also closes
-    isolation valves and goes over to a spare set of thrusters. Every number of the vehicle is MSR-A, a
-    parameter set of this project: the source withholds them.
+    isolation valves and goes over to a spare set of thrusters. Where only the first set fails, as by default,
+    whoever goes over at once is safe without any diagnosis; faults may strike the spare set as well, or a
+    `spacecraft` may have none. Every number of the vehicle is MSR-A, a parameter set of this project: the
+    source withholds them.
 
     ## Action Space
 
@@ -104,9 +106,9 @@ class MarsRendezvousEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside,
       and farther from the target than `distance`.
-    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (no longer once the spare branch has taken
-      over, which no fault strikes).
+    - `fault`: arrays over the fault slots: `thruster` (from 1, 9 to 16 on the spare branch; 0 is an empty
+      slot), `kind` (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (on the branch
+      that is in use).
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: at capture 0.5, and up to 0.5 more for economy; 0.25 for a retreat; 0 if missed or lost; else
       0.25 times the share of the distance gained.
@@ -123,7 +125,8 @@ class MarsRendezvousEnv(TaskEnv):
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one with a
       modulator.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
-      mappings. `reset(options={"faults": ...})` gives one episode its own.
+      mappings. `reset(options={"faults": ...})` gives one episode its own. Thrusters 9 to 16 are those of the
+      spare branch; what is wrong with them shows once it is in use.
     - `observe_fault`: whether the truth about the faults is added to the observation.
     - `fault_slots`: faults that the chaser can have in an episode, 4 by default.
     - `nonlinear`: whether to fly by the full two-body relative equations (the default) or by Hill's.
