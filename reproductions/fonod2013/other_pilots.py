@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from reproductions.fonod2013.approach_flights import Pilot
 from thruster_baselines.control import ApproachController, ApproachSettings
+from thruster_baselines.control.quaternions import rotation_matrix
 from thruster_baselines.detection.environment_flights import Policy
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray
@@ -64,30 +65,75 @@ def minimum_fuel(settings: ApproachSettings | None = None) -> Pilot:
     return pilot
 
 
-def stopping(time: float, braking: float, settings: ApproachSettings | None = None) -> Pilot:
+def stopping(
+    time: float, braking: float, settings: ApproachSettings | None = None, *, own_filter: bool = False
+) -> Pilot:
     """Who comes to a standstill before the target.
 
     Args:
         time: When the reference begins to brake, s.
         braking: Its deceleration, m/s^2; infinite for one that stops at once.
         settings: How to fly until then.
+        own_filter: Whether position and velocity are those of an alpha-beta filter that takes the thrust to
+            come as soon as it is asked for, and all of it. The environment's knows of the nominal delay.
     """
 
     def pilot(spacecraft: Spacecraft, steps: int) -> Policy:
         controller = ApproachController(spacecraft, steps, settings=settings)
         speed, period = controller.settings.speed, spacecraft.control_period
         lasts = 0.0 if math.isinf(braking) else speed / braking
+        held = _Filter(controller) if own_filter else None
 
         def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
             rows = np.asarray(observations, np.float64)
             age = controller.navigation_delay
             now = period * np.maximum(controller.elapsed(rows) - age, 0.0)
             reference = _reference(now, time, lasts, speed, controller.distance)
-            return _actions(controller.open_rates(controller.wrench(rows, reference)))
+            if held is not None:
+                rows = held.filtered(rows)
+            wrench = controller.wrench(rows, reference)
+            if held is not None:
+                held.expect(rows, wrench)
+            return _actions(controller.open_rates(wrench))
 
         return act
 
     return pilot
+
+
+class _Filter:
+    """Of position and velocity, for observations that come one after the other."""
+
+    alpha, beta = 0.3, 0.05
+
+    def __init__(self, controller: ApproachController) -> None:
+        self._controller, self._period = controller, controller.spacecraft.control_period
+        self._position: FloatArray | None = None
+        self._velocity: FloatArray = np.zeros((1, 3))
+        self._change: FloatArray = np.zeros((1, 3))
+
+    def filtered(self, rows: FloatArray) -> FloatArray:
+        """Observations (rows, m) with the filter's position and velocity."""
+        seen, period, bound = self._controller.position(rows), self._period, 5.0
+        if self._position is None:
+            self._position, self._velocity = seen, 0.1 * rows[:, 6:9]
+        else:
+            ahead = self._position + period * (self._velocity + 0.5 * self._change)
+            missed = seen - ahead
+            self._position = ahead + self.alpha * missed
+            self._velocity = self._velocity + self._change + self.beta / period * missed
+        filtered = rows.copy()
+        filtered[:, :3] = self._position / self._controller.distance
+        filtered[:, 3:6] = np.clip(self._position, -bound, bound)
+        filtered[:, 6:9] = 10.0 * self._velocity
+        return filtered
+
+    def expect(self, rows: FloatArray, wrench: FloatArray) -> None:
+        """Take the velocity to change at once as this wrench (rows, 6) in body axes would change it."""
+        attitude, _ = self._controller.attitude(rows)
+        body = wrench[:, :3] * self._period / self._controller.spacecraft.mass
+        turned = [rotation_matrix(q).T @ one for q, one in zip(attitude, body, strict=True)]
+        self._change = np.array(turned)
 
 
 def _reference(

@@ -39,6 +39,16 @@ def test_a_stop_ends_where_its_reference_does(braking, place):
     np.testing.assert_allclose(flights.position[:, 590, 1], -20.0 + 5.9, atol=0.02)
 
 
+def test_the_filter_that_takes_thrust_to_come_at_once_ends_full_thrust_sooner():
+    told = [
+        fly(SEEDS[:1], pilot=stopping(60.0, np.inf, own_filter=own), spacecraft=_silent(0.0), **NO_ERRORS)
+        for own in (False, True)
+    ]
+    plain, eager = (int((one.open_rates[0, 600:650, 0] > 0.999).sum()) for one in told)
+    assert 1 <= eager < plain
+    np.testing.assert_allclose(told[1].position[0, -1, 1], -14.0, atol=5e-3)
+
+
 def test_minimum_fuel_gives_the_wrench_of_the_law_for_less_and_shuts_one_of_each_half():
     observations = np.zeros((1, 36), np.float32)
     observations[0, 15] = 1.0
