@@ -263,7 +263,7 @@ def test_fusion_names_thruster_and_kind_of_every_fault_that_shows(kind, severity
 def test_fusion_never_names_a_wrong_thruster_for_shifted_thrust(kind, severity):
     """In an even approach these hardly show after they have begun; those that do are named and understood."""
     seen = flights(kind, severity, repeats=2, seed=200)
-    detector = FusionDetector(MSR_A, 15.0, vehicles=16)
+    detector = FusionDetector(MSR_A, 15.0, margin=6.0, vehicles=16)
     watched = watch(detector, seen)
     named = watched.thruster > 0
     assert named.mean() > 0.4
@@ -448,7 +448,7 @@ def test_statistics_are_what_calibration_takes(healthy):
 def test_fusion_knows_the_faults_of_the_environment(kind, severity, names):
     """Its own plant and pilot, mass properties that are not those of the description, no tuning."""
     batch = begin(MarsRendezvous(faults=Fault(3, kind, severity=severity, onset=45.03)), worlds=8)
-    detector = FusionDetector("msr_chaser", 20.0, vehicles=8)
+    detector = FusionDetector("msr_chaser", 20.0, margin=6.0, vehicles=8)
     for _ in range(560):
         told = batch.task.pilot_actions(batch.state)
         rates = 0.5 * (told[:, 0] + 1.0)

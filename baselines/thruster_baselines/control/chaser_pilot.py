@@ -332,8 +332,6 @@ class ChaserPilot:
         self._commands.append(np.clip(rows[:, 16 : 16 + n], 0.0, 1.0))
         if detector is None or len(self._commands) < self.controller.navigation_delay:
             return
-        if isinstance(detector, FusionDetector):
-            detector.first_velocity[:] = velocity
         attitude, rate = self.controller.attitude(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh

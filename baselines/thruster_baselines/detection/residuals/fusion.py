@@ -4,19 +4,25 @@ The source looks at position alone, where a valve stuck open and the loss of its
 way. Torque tells them apart, since opposite corners turn the same way, and the measured rate shows it within
 a few samples. So here
 
-1. an observer of position and velocity and one of the rate, both steady Kalman filters fed with the thrust
-   that the valves were told a fixed number of periods ago, give innovations of force and torque;
+1. an observer of position and velocity and one of the rate, both Kalman filters fed with the thrust that the
+   valves were told a fixed number of periods ago, give innovations of force and torque; at the start nothing
+   is known of the velocity, and their gains fall as they learn it;
 2. a thruster that from an onset on gives the share a of its thrust more than it was told, or less for a < 0,
    adds a known signature to both, times a. With c and s the weighted products of signature and innovation and
    of signature and signature, twice the log-likelihood of the best a within -1..1 against none is 2 a c - a^2
-   s. The largest over thrusters and a few onsets is the statistic. Onsets are those of sums that begin anew
+   s, less that of the best a within the error of a sound thruster. Onsets are those of sums that begin anew
    every 4, 12 and 36 samples by turns, two of each, so that every age up to 72 samples is within a factor of
    three of one;
-3. after an alarm, the thruster is named whose likelihood stays ahead of the next one's by `margin`;
-4. `identify` says what is wrong with the named one, at that moment or later, when more has been seen: from
+3. a valve that opens and closes slowly holds back impulse at each change of its command, and gives it back at
+   the next. One more sum for each thruster, over the last ten seconds or so, looks for that in the rate. The
+   largest of all over thrusters is the statistic;
+4. after an alarm, the thruster is named whose likelihood stays ahead of the next one's by `margin`, if its
+   whole course makes it the likeliest, too;
+5. `identify` says what is wrong with the named one, at that moment or later, when more has been seen: from
    the kept samples, the whole course of the open rate under each kind of fault, its size and its onset is
    sent through the filters, and the likeliest kind that its one or no free number is worth (by the Bayesian
-   information criterion) is the answer.
+   information criterion) is the answer. The impulse of the first period and the thrust itself are known only
+   roughly, so that no kind is preferred for what these do.
 
 What is no fault and looks like one is taken care of twice. Errors of mass properties and thrust act as a
 constant force and torque in an even flight; a bias, which follows over `bias_time` until the alarm, takes
@@ -27,11 +33,13 @@ abrupt manoeuvre both residuals count less for as long as the filters remember i
 
 Samples are kept until some seconds after an alarm and no longer, so that those at the onset stay.
 
-What cannot be told apart: a leak and a valve stuck at the same opening as long as no more was commanded,
-which then goes by the name of the latter; a loss and a late opening while the command stays the same; a late
-and a slow valve, which shift thrust in nearly the same way, and either of them and a sound one once they have
-begun, while commands do not change. Left out: several faults at once, faults that turn a thrust, thrust lost
-to a shared feed.
+What cannot be told apart. While commands do not change: a leak and a valve stuck at a constant; a loss and a
+late opening; a late valve, a slow one and a sound one. Who can change them without harm should do so, with a
+thruster and its opposite corner at different times (`thruster_baselines.control.ProbeSettings`). Whatever is
+commanded: an opening later than the longest pulse and a closed valve; a leak of all the thrust and an open
+valve, which is why a leak counts as the less likely the larger it is; a leak that adds nothing to pulses
+wider than itself and a stuck valve, as long as no pulse was wider. Left out: several faults at once, faults
+that turn a thrust, thrust lost to a shared feed.
 """
 
 from __future__ import annotations
@@ -47,7 +55,6 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.identification import Identification
 from thruster_baselines.detection.residuals.base import (
-    SETTLING_TIME,
     BaseNavigationDetector,
     Sample,
     nominal_delay,
@@ -68,13 +75,22 @@ FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening",
 A late opening is one of two: the beginning of each pulse is lost, or all of it comes later.
 """
 
-_NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLOW = range(7)
+_NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLUGGISH = range(7)
 
 _SCALES = (4, 12, 36)
 """Samples after which sums begin anew."""
 
-_AGES = (2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 31, 37, 44, 51, 57, 62, 65, 68, 71, 74, 78, 82, 86, 90)
-"""Onsets that identification tries, samples before the last that is kept."""
+_SLOW = 0.2
+"""Time constant of the slow valve whose signature is summed up, s; one twice as slow looks much the same."""
+
+_FORGOTTEN = 0.01
+"""Share of the sums of slow valves that is forgotten in every sample."""
+
+_UNLEARNED = 3.0
+"""How long after the first sample the bias stays zero, s: the commands of a start are anything but even."""
+
+_AGES = 400
+"""Samples after which the gains of the filters have long been steady."""
 
 _KEPT = 112
 """Samples that identification looks back on."""
@@ -82,19 +98,29 @@ _KEPT = 112
 _AFTER = 60
 """Samples that are kept after an alarm."""
 
+_CLOSE_BY = 14
+"""Onsets before the alarm that identification tries one by one; earlier ones are a seventh of their distance
+from it apart."""
+
+_AGAIN = 5
+"""Samples after which whole courses are compared again, if none was far enough ahead."""
+
 _LATEST = 12
 """Largest lag of the thrust behind its command, periods."""
 
 _LEVELS = tuple(0.05 * k for k in range(1, 20))
 """Openings of a leak that identification tries."""
 
-_LOST_TIMES = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.45)
+_LOST_TIMES = (
+    0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7,
+    0.75, 0.8, 0.85, 0.9, 0.95,
+)  # fmt: skip
 """Lost beginnings of a pulse that identification tries, in periods."""
 
 _DELAYS = (1.0, 2.0, 3.0, 5.0, 8.0)
 """Further delays that identification tries, in periods."""
 
-_TIME_CONSTANTS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+_TIME_CONSTANTS = (1.2, 1.6, 2.2, 3.0, 4.0, 5.5, 7.5, 10.0)
 """Time constants of a slow valve that identification tries, in periods; it may be open as it becomes slow."""
 
 _PERSISTENCE = 10.0
@@ -103,9 +129,23 @@ _PERSISTENCE = 10.0
 _NEARLY = 0.04
 """A share this near to 0 or 1 is taken for it."""
 
+_FIRST_PERIOD = 0.2
+"""By what identification does not know the impulse of a fault's first period, in periods of full thrust: when
+it began, and the lag of the thrust."""
+
+_THRUST_ERROR = 0.02
+"""By what share it does not know the effect of a thruster, that is its thrust, mass and inertia."""
+
+_LEAD = 0.06
+"""By what share of its own likelihood a thruster that is named has to be ahead: models are off by as much."""
+
 # one sum: states of the signature, then products with the innovations, then with itself
 _POSITION, _VELOCITY, _RATE, _FORCE, _TORQUE, _FORCE_SQUARE, _TORQUE_SQUARE = 0, 1, 2, 3, 6, 9, 10
 _SUM = 13
+
+# rows of slow valves: what they hold back, the rate that is missing for it, its products with the innovations
+# and with itself
+_BACK, _BEHIND, _PRODUCT, _SQUARE, _SLUGGISH_ROWS = range(5)
 
 # states after position, velocity and rate: force and torque over mass and inertia that are always there, what
 # a shift of all pulses by a second would do to position, velocity and rate, and the last commanded force and
@@ -127,13 +167,12 @@ class FusionDetector(BaseNavigationDetector):
             average thruster gives; it sets how soon the filters forget.
         bias_time: Over which a constant force and torque is taken up, s; infinite takes up none.
         use_rate: Whether the rate is looked at; otherwise it is the likelihood ratio of the force alone.
+        share_error: By what share of its thrust a sound thruster may give more or less than it is told.
         settle: How long after the first sample there are no alarms, s.
         vehicles: How many are watched.
 
     Attributes:
         share: (vehicles, n), the best a of each thruster in the last sample.
-        first_velocity: (vehicles, 3), m/s, LVLH, with which the observer begins; zero unless it is set before
-            the first sample. Where it is right, the filter has no swing to settle from.
 
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
@@ -151,7 +190,8 @@ class FusionDetector(BaseNavigationDetector):
         disturbance: float = 0.01,
         bias_time: float = 20.0,
         use_rate: bool = True,
-        settle: float = SETTLING_TIME,
+        share_error: float = 0.005,
+        settle: float = 2.0,
         vehicles: int = 1,
     ) -> None:
         super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
@@ -168,6 +208,7 @@ class FusionDetector(BaseNavigationDetector):
         require(0.0 <= timing < math.inf, "timing", timing, "a number of s, 0 or more")
         require(0.0 < disturbance < math.inf, "disturbance", disturbance, "a share above 0")
         require(bias_time > 0.0, "bias_time", bias_time, "a positive number of s")
+        require(0.0 <= share_error < math.inf, "share_error", share_error, "a share of 0 or more")
         sensors = self.spacecraft.sensors
         require(sensors.position > 0.0, "sensors: position", sensors.position, "an error above 0")
         if use_rate:
@@ -179,20 +220,20 @@ class FusionDetector(BaseNavigationDetector):
         force = disturbance * float(np.linalg.norm(columns[:3], axis=0).mean())
         torque = disturbance * float(np.linalg.norm(columns[3:], axis=0).mean())
         idle = timing * float(np.sqrt(np.square(columns[3:]).sum(axis=1)).mean()) / 3.0
-        self._gains, variance = _steady_gains(
-            period, sensors.position, force, math.hypot(sensors.rate, idle), torque
-        )
-        self._noise = np.array([variance, sensors.rate**2, (period * torque) ** 2, timing, 1.0 / bias_time])
+        self._gains = _gains_by_age(period, sensors.position, force, math.hypot(sensors.rate, idle), torque)
+        self._noise = np.array([sensors.rate**2, (period * torque) ** 2, 1.0 / bias_time, share_error])
+        self._timing = float(timing)
         self._motion = np.hstack([transition_matrix(motion, period), force_response(motion, period)])
         inertia = np.array(self.spacecraft.inertia)
         self._spin = np.stack([inertia, np.linalg.inv(inertia)])
         n = self._n
         self._states: FloatArray = np.zeros((vehicles, _STATES))
-        self._begun: BoolArray = np.zeros(vehicles, np.bool_)
-        self.first_velocity: FloatArray = np.zeros((vehicles, 3))
+        self._begun: IntArray = np.full(vehicles, -1, np.int64)
         self._scales: IntArray = np.array(_SCALES)
         self._sums: FloatArray = np.zeros((vehicles, 2 * len(_SCALES), _SUM))
-        self._ahead: IntArray = np.zeros((vehicles, 2), np.int64)  # thruster, how often in a row
+        self._sluggish: FloatArray = np.zeros((vehicles, _SLUGGISH_ROWS, n))
+        # the thruster that is ahead, and in how many samples in a row; below 0 in how many it is asked again
+        self._ahead: IntArray = np.zeros((vehicles, 2), np.int64)
         self._commands: FloatArray = np.zeros((_LATEST, vehicles, n))
         self._newest: IntArray = np.zeros(vehicles, np.int64)  # the last sample that is kept
         self._rates: FloatArray = np.zeros((_KEPT, vehicles, n))
@@ -219,80 +260,104 @@ class FusionDetector(BaseNavigationDetector):
             raise ValueError(
                 f"thruster is {named.tolist()}; {self._vehicles} numbers from 0 to {self._n} would be right"
             )
-        statistic = np.zeros((self._vehicles, len(FUSION_KINDS)))
-        severity = np.zeros((self._vehicles, len(FUSION_KINDS)))
-        work = partial(
-            _identify, self._rates, self._seen, self._newest, self.effectiveness, named, self.lag,
-            self._period, self._gains, _grid(_AGES), _grid(_LEVELS), _grid(_LOST_TIMES),
-            _grid(_DELAYS), _grid(_TIME_CONSTANTS), statistic, severity,
-        )  # fmt: skip
-        in_threads(work, self._vehicles)
+        statistic, severity = self._compare(np.arange(self._vehicles), named)
         best = np.where(named > 0, statistic.argmax(axis=1), _NONE)
         size = severity[np.arange(self._vehicles), best]
-        closed = ((best == _STUCK_ON) & (size < _NEARLY)) | ((best == _LOSS) & (size > 1.0 - _NEARLY))
-        best = np.where(closed, _STUCK_OFF, best)
-        size = np.where(closed, 1.0, size)
         return Identification(tuple(FUSION_KINDS[one] for one in best), size, statistic)
 
+    def _compare(self, vehicles: IntArray, thrusters: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Likelihoods and sizes (rows, kinds) of all kinds in thrusters, from 1, of vehicles (rows,)."""
+        statistic, severity = np.zeros((2, vehicles.size, len(FUSION_KINDS)))
+        alarms: IntArray = self._newest.copy()
+        alarms[self.detected] = np.round(self.detection_time[self.detected] / self._period)
+        work = partial(
+            _identify, self._rates, self._seen, self._newest, alarms, self.effectiveness, vehicles, thrusters,
+            self.lag, self._period, self._begun, self._gains, _grid(_LEVELS), _grid(_LOST_TIMES),
+            _grid(_DELAYS), _grid(_TIME_CONSTANTS), statistic, severity,
+        )  # fmt: skip
+        in_threads(work, vehicles.size)
+        return statistic, severity
+
     def _begin(self, mask: BoolArray) -> None:
-        self._begun[mask] = False
+        self._begun[mask] = -1
 
     def _clear(self, mask: BoolArray) -> None:
         super()._clear(mask)
         self._sums[mask] = 0.0
         self._ahead[mask] = 0
+        self._sluggish[mask] = 0.0
         self._seen[:, mask] = 0.0
         self.share[mask] = 0.0
 
     def _judge(self, sample: Sample) -> Diagnosis:
         statistic = np.zeros(self._vehicles)
         suspicion = np.zeros((self._vehicles, self._n))
+        asked = np.zeros(1, np.int64)  # whether some thruster is ahead for long enough
         work = partial(
             _watch, sample.open_rates, sample.position, sample.attitude, sample.rate, sample.valid,
             self.use_rate and sample.rate is not self._no_rate, self._attitude, self.samples, self._period,
             self.settle, self.threshold, self.margin, self.confirmations, self.lag, self.effectiveness,
-            self._motion, self._spin, self._gains, self._noise, self._states, self._begun,
-            self.first_velocity, self._scales, self._sums, self._commands, self._newest, self._rates,
+            self._motion, self._spin, self._gains, self._noise, self._timing, self._states, self._begun,
+            self._scales, self._sums, self._sluggish, self._commands, self._newest, self._rates,
             self._seen, self._ahead, self.refused, self.detected, self.thruster, self.detection_time,
-            self.isolation_time, self.share, suspicion, statistic,
+            self.share, suspicion, statistic, asked,
         )  # fmt: skip
         in_threads(work, self._vehicles)
+        if asked[0]:
+            self._name(np.flatnonzero((self._ahead[:, 1] >= self.confirmations) & (self.thruster == 0)))
         return self._answer(statistic, suspicion, -self._period * self.share)
+
+    def _name(self, vehicles: IntArray) -> None:
+        """Name the thruster that is likeliest by its whole course, if it is far enough ahead."""
+        n = self._n
+        statistic, _ = self._compare(np.repeat(vehicles, n), np.tile(np.arange(1, n + 1), vehicles.size))
+        best = statistic.max(axis=1).reshape(-1, n)
+        second, first = np.sort(best, axis=1)[:, -2:].T
+        sure = first - second >= np.maximum(self.margin, _LEAD * first)
+        self.thruster[vehicles] = np.where(sure, best.argmax(axis=1) + 1, 0)
+        self.isolation_time[vehicles[sure]] = self._period * (self.samples[vehicles[sure]] - 1)
+        self._ahead[vehicles, 1] = -_AGAIN
 
 
 def _grid(values: Sequence[float]) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
 
-def _steady_gains(
-    period: float, position: float, force: float, rate: float, torque: float
-) -> tuple[FloatArray, float]:
-    """Gains of steady Kalman filters for white measurement errors and white accelerations.
+def _gains_by_age(period: float, position: float, force: float, rate: float, torque: float) -> FloatArray:
+    """Gains of Kalman filters since their first measurement, for white errors and white accelerations.
+
+    Nothing is known of the velocity before the second measurement.
 
     Returns:
-        (3,) gains of position, of velocity by position, and of rate; the variance of a position's innovation.
+        (samples, 4) gains of position, of velocity by position, and of rate, and the variance of a position's
+        innovation.
     """
     step = np.array([[1.0, period], [0.0, 1.0]])
     push = np.array([0.5 * period**2, period])
     noise = force**2 * np.outer(push, push)
-    covariance = np.diag([position**2, (position / period) ** 2])
-    for _ in range(2000):
-        gain = covariance[:, 0] / (covariance[0, 0] + position**2)
-        covariance = step @ (covariance - np.outer(gain, covariance[0])) @ step.T + noise
+    covariance = np.diag([position**2, 1.0])
     turned = (period * torque) ** 2
-    before = 0.5 * (turned + math.sqrt(turned**2 + 4.0 * turned * rate**2))
-    gains = np.array([gain[0], gain[1], before / (before + rate**2)])
-    return gains, float(covariance[0, 0] + position**2)
+    spread = rate**2
+    table = []
+    for _ in range(_AGES):
+        covariance = step @ covariance @ step.T + noise
+        spread += turned
+        gain = covariance[:, 0] / (covariance[0, 0] + position**2)
+        table.append((gain[0], gain[1], spread / (spread + rate**2), covariance[0, 0] + position**2))
+        covariance = covariance - np.outer(gain, covariance[0])
+        spread *= rate**2 / (spread + rate**2)
+    return np.array(table)
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
 def _watch(  # type: ignore[no-untyped-def]
     open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
-    margin, confirmations, lag, effectiveness, motion, spin, gains, noise, states, begun, first_velocity,
-    scales, sums, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time,
-    isolation_time, share, suspicion, statistic, first, last,
+    margin, confirmations, lag, effectiveness, motion, spin, gains, noise, timing, states, begun,
+    scales, sums, sluggish, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time,
+    share, suspicion, statistic, asked, first, last,
 ):  # fmt: skip
     n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
+    quick, fade = period / _SLOW, math.exp(-period / _SLOW)
     before, e, momentum, weight = np.empty(9), np.empty(6), np.empty(3), np.empty(3)
     angular, products, squares = np.empty(3), np.empty(n), np.empty(n)
     for v in range(first, last):
@@ -315,20 +380,22 @@ def _watch(  # type: ignore[no-untyped-def]
             if not there:
                 refused[v] += 1
         x = states[v]
-        if not begun[v]:
+        if begun[v] < 0:
             for j in range(seen.shape[2]):
                 seen[slot, v, j] = 0.0
             if there:
-                begun[v] = True
+                begun[v] = number
                 for j in range(_STATES):
                     x[j] = 0.0
                 for j in range(3):
                     x[j] = position[v, j]
-                    x[3 + j] = first_velocity[v, j]
+                    x[3 + j] = 0.0
                     x[6 + j] = rate[v, j] if turning else 0.0
             continue
+        gain = gains[min(number - begun[v] - 1, gains.shape[0] - 1)]
         # what the thrust of the last period should have done
         told = commands[(number - 1 - lag) % latest if number > lag else 0, v]
+        coming = commands[(number - lag) % latest if number >= lag else 0, v]
         fx, fy, fz = 0.0, 0.0, 0.0
         for k in range(3):
             angular[k] = 0.0
@@ -338,11 +405,12 @@ def _watch(  # type: ignore[no-untyped-def]
             fx += effectiveness[v, 0, i] * u
             fy += effectiveness[v, 1, i] * u
             fz += effectiveness[v, 2, i] * u
-            moved = min(0.45 * u * period, 0.6 * noise[3])  # s of firing that come before or after the edge
+            early = min(0.45 * coming[i] * period, 0.6 * timing)  # s of the next pulse before this sample
+            late = max(0.6 * timing - 0.4 * (1.0 - u) * period, 0.0)  # and of the last one after it
+            moved = early * early + late * late
             for k in range(3):
                 angular[k] += effectiveness[v, 3 + k, i] * u
-                spill = effectiveness[v, 3 + k, i] * moved
-                weight[k] += spill * spill
+                weight[k] += effectiveness[v, 3 + k, i] ** 2 * moved
         force = rotate_back(old, (fx, fy, fz))
         for j in range(6):
             total = (
@@ -370,13 +438,11 @@ def _watch(  # type: ignore[no-untyped-def]
             x[_SHIFTED + 3 + j] += change
             x[_SHIFTED + 6 + j] += turn
             shifted += x[_SHIFTED + j] ** 2
-            weight[j] += _PERSISTENCE * noise[3] ** 2 * x[_SHIFTED + 6 + j] ** 2
-        shifted = 1.0 / (
-            noise[0] + _PERSISTENCE * noise[3] ** 2 * shifted
-        )  # the weight of each axis of force
+            weight[j] += _PERSISTENCE * timing**2 * x[_SHIFTED + 6 + j] ** 2
+        shifted = 1.0 / (gain[3] + _PERSISTENCE * timing**2 * shifted)  # the weight of each axis of force
         # what it did
         time = number * period
-        learning = noise[4] if time >= 0.25 * settle and not detected[v] else 0.0
+        learning = noise[2] if time >= _UNLEARNED and not detected[v] else 0.0
         for j in range(6):
             e[j] = 0.0
         for j in range(9):
@@ -385,21 +451,21 @@ def _watch(  # type: ignore[no-untyped-def]
             q = (last_attitude[v, 0], last_attitude[v, 1], last_attitude[v, 2], last_attitude[v, 3])
             missed = (position[v, 0] - before[0], position[v, 1] - before[1], position[v, 2] - before[2])
             for j in range(3):
-                x[j] += gains[0] * missed[j]
-                x[3 + j] += gains[1] * missed[j]
-                x[_BIAS + j] += learning * gains[1] * missed[j]
+                x[j] += gain[0] * missed[j]
+                x[3 + j] += gain[1] * missed[j]
+                x[_BIAS + j] += learning * gain[1] * missed[j]
                 p = x[_SHIFTED + j]
-                x[_SHIFTED + j] -= gains[0] * p
-                x[_SHIFTED + 3 + j] -= gains[1] * p
+                x[_SHIFTED + j] -= gain[0] * p
+                x[_SHIFTED + 3 + j] -= gain[1] * p
             body = rotate(q, missed)
             e[0], e[1], e[2] = body
         if turning:
             for j in range(3):
                 e[3 + j] = rate[v, j] - before[6 + j]
-                x[6 + j] += gains[2] * e[3 + j]
-                x[_BIAS + 3 + j] += learning * gains[2] * e[3 + j]
-                x[_SHIFTED + 6 + j] -= gains[2] * x[_SHIFTED + 6 + j]
-                weight[j] = 1.0 / ((noise[1] + weight[j]) / (1.0 - gains[2]) + noise[2])
+                x[6 + j] += gain[2] * e[3 + j]
+                x[_BIAS + 3 + j] += learning * gain[2] * e[3 + j]
+                x[_SHIFTED + 6 + j] -= gain[2] * x[_SHIFTED + 6 + j]
+                weight[j] = 1.0 / ((noise[0] + weight[j]) / (1.0 - gain[2]) + noise[1])
         if keep:
             for j in range(6):
                 seen[slot, v, j] = e[j]
@@ -413,17 +479,35 @@ def _watch(  # type: ignore[no-untyped-def]
             w = one[2] + period
             one[0], one[1], one[2] = p, one[1] + period, w
             if there:
-                one[0] -= gains[0] * p
-                one[1] -= gains[1] * p
+                one[0] -= gain[0] * p
+                one[1] -= gain[1] * p
                 weighed = p * shifted
                 for j in range(3):
                     one[3 + j] += weighed * e[j]
                 one[9] += weighed * p
             if turning:
-                one[2] -= gains[2] * w
+                one[2] -= gain[2] * w
                 for j in range(3):
                     one[6 + j] += w * weight[j] * e[3 + j]
                     one[10 + j] += w * w * weight[j]
+        # what valves as slow as _SLOW hold back, and the rate that is missing for it
+        slow = sluggish[v]
+        for i in range(n):
+            u = told[i] * quick
+            level = fade * (slow[_BACK, i] + u * (1.0 + u * (0.5 + u / 6.0)))
+            slow[_BEHIND, i] += _SLOW * (slow[_BACK, i] - level)
+            slow[_BACK, i] = level
+            slow[_PRODUCT, i] *= 1.0 - _FORGOTTEN
+            slow[_SQUARE, i] *= 1.0 - _FORGOTTEN
+        if turning:
+            for k in range(3):
+                weighed, heavy = weight[k] * e[3 + k], weight[k]
+                for i in range(n):
+                    signature = effectiveness[v, 3 + k, i] * slow[_BEHIND, i]
+                    slow[_PRODUCT, i] += signature * weighed
+                    slow[_SQUARE, i] += signature * signature * heavy
+            for i in range(n):
+                slow[_BEHIND, i] -= gain[2] * slow[_BEHIND, i]
         if time >= settle:
             for m in range(sums.shape[1]):
                 one = sums[v, m]
@@ -441,34 +525,38 @@ def _watch(  # type: ignore[no-untyped-def]
                 for i in range(n):
                     c, s = products[i], squares[i]
                     a = c / s if s > 0.0 else 0.0
+                    sound = min(max(a, -noise[3]), noise[3])
                     a = min(max(a, -1.0), 1.0)
-                    found = a * (2.0 * c - a * s)
+                    found = a * (2.0 * c - a * s) - sound * (2.0 * c - sound * s)
                     if found > suspicion[v, i]:
                         suspicion[v, i] = found
                         share[v, i] = a
-            best, second, who = 0.0, 0.0, -1
+            best, second, who = _foremost(suspicion[v])
+            lead = best - second
             for i in range(n):
-                found = suspicion[v, i]
-                if found > best:
-                    best, second, who = found, best, i
-                elif found > second:
-                    second = found
-                if found == 0.0:
+                if suspicion[v, i] == 0.0:
                     share[v, i] = 0.0
+                c, s = slow[_PRODUCT, i], slow[_SQUARE, i]
+                a = min(max(c / s, 0.0), 2.0) if s > 0.0 else 0.0
+                suspicion[v, i] = max(suspicion[v, i], a * (2.0 * c - a * s))
+            best, second, likeliest = _foremost(suspicion[v])
+            if lead < margin:
+                who, lead = likeliest, best - second
             statistic[v] = best
             if best > threshold and not detected[v]:
                 detected[v] = True
                 detection_time[v] = time
-            if detected[v] and thruster[v] == 0:
-                if who < 0 or best - second < margin or best <= threshold:
+            if detected[v] and thruster[v] == 0 and keep:
+                if ahead[v, 1] < 0:
+                    ahead[v, 1] = ahead[v, 1] + 1 if ahead[v, 1] < -1 else confirmations
+                elif who < 0 or lead < margin:
                     ahead[v, 1] = 0
                 elif ahead[v, 0] == who + 1:
                     ahead[v, 1] += 1
                 else:
                     ahead[v, 0], ahead[v, 1] = who + 1, 1
                 if ahead[v, 1] >= confirmations:
-                    thruster[v] = who + 1
-                    isolation_time[v] = time
+                    asked[0] = 1
         # sums that begin anew
         for j in range(scales.size):
             if number % scales[j] == 0:
@@ -477,38 +565,58 @@ def _watch(  # type: ignore[no-untyped-def]
                     sums[v, m, k] = 0.0
 
 
+@njit(error_model="numpy", inline="always")
+def _foremost(suspicion):  # type: ignore[no-untyped-def]
+    """The largest and the second largest of all thrusters, and whose the largest is; -1 for nobody's."""
+    best, second, who = 0.0, 0.0, -1
+    for i in range(suspicion.size):
+        found = suspicion[i]
+        if found > best:
+            best, second, who = found, best, i
+        elif found > second:
+            second = found
+    return best, second, who
+
+
 @njit(error_model="numpy", cache=True, nogil=True)
 def _identify(  # type: ignore[no-untyped-def]
-    rates, seen, last_kept, effectiveness, named, lag, period, gains, ages, levels, lost_times,
-    delays, constants, statistic, severity, first, last,
+    rates, seen, last_kept, alarms, effectiveness, vehicles, named, lag, period, begun, gains, levels,
+    lost_times, delays, constants, statistic, severity, first, last,
 ):  # fmt: skip
     kept = rates.shape[0]
-    rows = 2 + levels.size + lost_times.size + delays.size + 2 * constants.size
+    rows = 3 + levels.size + lost_times.size + delays.size + 2 * constants.size
     closing = rows - constants.size  # of a slow valve that was open
-    overlap = np.empty(constants.size)
-    signature, sums = np.empty((rows, 3)), np.empty((rows, 3))
-    slow, signed = np.empty(constants.size), np.empty((constants.size, 2))
-    course = np.empty(rows)
-    for v in range(first, last):
-        if named[v] == 0:
+    signature, course = np.empty((rows, 3)), np.empty(rows)
+    products, squares, kicks = np.empty(rows), np.empty(rows), np.empty(rows)
+    turned, overlap, slow = np.empty(constants.size), np.empty(constants.size), np.empty(constants.size)
+    fades, rises = np.exp(-1.0 / constants), np.empty((kept, constants.size))
+    for at_row in range(first, last):
+        v, i = vehicles[at_row], named[at_row] - 1
+        if i < 0:
             continue
-        i, newest = named[v] - 1, last_kept[v]
+        newest, begin = last_kept[v], max(begun[v], 0)
+        oldest = max(newest - kept + lag + 12, begin)
         column = effectiveness[v, :, i]
         square = column[0] ** 2 + column[1] ** 2 + column[2] ** 2
-        for age_at in range(ages.size):
-            age = int(ages[age_at])
-            if age + lag + 12 > min(newest + 1, kept):
-                break
+        for at in range(oldest + 1, newest + 1):
+            for k in range(constants.size):
+                told = rates[(at - 1 - lag) % kept, v, i] if at > lag else 0.0
+                rises[at % kept, k] = (math.exp(told / constants[k]) - 1.0) * fades[k]
+        alarm = min(alarms[v], newest)
+        onset = alarm - 1  # the first period with the fault ends with the sample after it
+        while onset >= oldest:
             signature[:] = 0.0
-            sums[:] = 0.0
-            cross = 0.0
+            products[:] = 0.0
+            squares[:] = 0.0
+            kicks[:] = 0.0
             overlap[:] = 0.0
-            onset = newest - age  # the first period with the fault ends with the sample after it
             slow[:] = 0.0
+            both = 0.0
             for at in range(onset + 1, newest + 1):
-                told = rates[(at - 1 - lag) % kept, v, i]
-                course[0], course[1] = 1.0, told
-                row = 2
+                told = rates[(at - 1 - lag) % kept, v, i] if at > lag else 0.0
+                course[0] = 1.0 if at == onset + 1 else 0.0
+                course[1], course[2] = 1.0, told
+                row = 3
                 for k in range(levels.size):
                     course[row] = max(levels[k] - told, 0.0)
                     row += 1
@@ -517,13 +625,15 @@ def _identify(  # type: ignore[no-untyped-def]
                     row += 1
                 for k in range(delays.size):
                     shift = int(delays[k])
-                    came = rates[(at - 1 - lag - shift) % kept, v, i] if at - 1 - shift >= onset else 0.0
-                    course[row] = came - told
+                    came = at - 1 - shift >= onset and at > lag + shift
+                    course[row] = (rates[(at - 1 - lag - shift) % kept, v, i] if came else 0.0) - told
                     row += 1
                 for k in range(constants.size):
-                    slow[k] += (told - slow[k]) * (1.0 - math.exp(-1.0 / constants[k]))
-                    course[row] = slow[k] - told
-                    course[closing + k] = math.exp(-(at - onset - 0.5) / constants[k])
+                    after = fades[k] * slow[k] + rises[at % kept, k]
+                    course[row] = constants[k] * (slow[k] - after)
+                    slow[k] = after
+                    left = math.exp(-(at - onset - 1) / constants[k])
+                    course[closing + k] = constants[k] * left * (1.0 - fades[k])
                     row += 1
                 e = seen[at % kept, v]
                 along = (column[0] * e[0] + column[1] * e[1] + column[2] * e[2]) * e[9]
@@ -532,75 +642,111 @@ def _identify(  # type: ignore[no-untyped-def]
                 for k in range(3):
                     turn += column[3 + k] * e[3 + k] * e[6 + k]
                     turn_size += column[3 + k] * column[3 + k] * e[6 + k]
+                gain = gains[min(at - begin - 1, gains.shape[0] - 1)]
+                still, slower = (1.0 - gain[0], gain[1]) if e[9] > 0.0 else (1.0, 0.0)
+                turning = 1.0 - gain[2] if e[6] > 0.0 else 1.0
                 for row in range(rows):
                     s = signature[row]
                     p = s[0] + period * s[1] + 0.5 * period * period * course[row]
                     w = s[2] + period * course[row]
-                    s[0], s[1], s[2] = p, s[1] + period * course[row], w
-                    if e[9] > 0.0:
-                        s[0] -= gains[0] * p
-                        s[1] -= gains[1] * p
-                    if e[6] > 0.0:
-                        s[2] -= gains[2] * w
-                    sums[row, 0] += p * along + w * turn
-                    sums[row, 1] += p * p * size + w * w * turn_size
+                    s[0], s[1], s[2] = still * p, s[1] + period * course[row] - slower * p, turning * w
+                    products[row] += p * along + w * turn
+                    squares[row] += p * p * size + w * w * turn_size
                     if row == 0:
-                        p_one, w_one = p, w
-                    elif row == 1:
-                        cross += p * p_one * size + w * w_one * turn_size
-                    elif row >= closing:
-                        other = signed[row - closing]
-                        overlap[row - closing] += p * other[0] * size + w * other[1] * turn_size
+                        p_kick, w_kick = p * size, w * turn_size
+                    kicks[row] += p * p_kick + w * w_kick
+                    if row == 1:
+                        p_one, w_one = p * size, w * turn_size
+                    elif row == 2:
+                        both += p * p_one + w * w_one
+                    course[row] = p
+                    if row >= closing:
+                        q = row - closing
+                        overlap[q] += p * course[row - constants.size] * size + w * turned[q] * turn_size
                     elif row >= closing - constants.size:
-                        other = signed[row - closing + constants.size]
-                        other[0], other[1] = p, w
-            price = math.log(6.0 * age)
-            c1, s11, c2, s22 = sums[0, 0], sums[0, 1], sums[1, 0], sums[1, 1]
-            if not (s11 > 0.0):
-                continue
-            # shut, open, and stuck at c: the course is c - told
-            _keep(statistic, severity, v, _STUCK_OFF, -2.0 * c2 - s22, 1.0)
-            _keep(statistic, severity, v, _STUCK_ON, 2.0 * (c1 - c2) - (s11 - 2.0 * cross + s22), 1.0)
-            opening = min(max((c1 + cross) / s11, 0.0), 1.0)
-            stuck = 2.0 * (opening * c1 - c2) - (opening**2 * s11 - 2.0 * opening * cross + s22)
-            _keep(statistic, severity, v, _STUCK_ON, stuck - price, opening)
-            if s22 > 0.0:
-                lost = min(max(-c2 / s22, 0.0), 1.0)
-                _keep(statistic, severity, v, _LOSS, -2.0 * lost * c2 - lost**2 * s22 - price, lost)
-            # a leak that adds to the pulses: the course is c (1 - told)
-            spare = s11 - 2.0 * cross + s22
-            if spare > 0.0:
-                leak = min(max((c1 - c2) / spare, 0.0), 1.0)
-                _keep(statistic, severity, v, _LEAK, 2.0 * leak * (c1 - c2) - leak**2 * spare - price, leak)
-            row = 2
-            for k in range(levels.size):
-                _keep(statistic, severity, v, _LEAK, 2.0 * sums[row, 0] - sums[row, 1] - price, levels[k])
-                row += 1
-            for k in range(lost_times.size):
-                found = 2.0 * sums[row, 0] - sums[row, 1] - price
-                _keep(statistic, severity, v, _LATE, found, lost_times[k] * period)
-                row += 1
-            for k in range(delays.size):
-                _keep(
-                    statistic,
-                    severity,
-                    v,
-                    _LATE,
-                    2.0 * sums[row, 0] - sums[row, 1] - price,
-                    delays[k] * period,
-                )
-                row += 1
+                        turned[row - closing + constants.size] = w
+            # whatever the fault did in its first period is left out of what tells kinds apart
+            known = 1.0 / (squares[0] + 1.0 / _FIRST_PERIOD**2)
+            for row in range(1, rows):
+                products[row] -= kicks[row] * products[0] * known
+                squares[row] -= kicks[row] * kicks[row] * known
+            both -= kicks[1] * kicks[2] * known
             for k in range(constants.size):
-                c, square_sum = sums[closing + k, 0] - overlap[k], sums[closing + k, 1]
-                opened = min(max(c / square_sum, 0.0), 1.0) if square_sum > 0.0 else 0.0
-                found = 2.0 * sums[row, 0] - sums[row, 1] + opened * (2.0 * c - opened * square_sum)
-                _keep(statistic, severity, v, _SLOW, found - 2.0 * price, constants[k] * period)
-                row += 1
+                overlap[k] -= kicks[closing + k] * kicks[closing - constants.size + k] * known
+            found = products[0] ** 2 * known
+            price = math.log(6.0 * (newest - onset))
+            _weigh(
+                statistic[at_row], severity[at_row], found, price, period, products, squares, both, overlap,
+                levels, lost_times, delays, constants,
+            )  # fmt: skip
+            back = alarm - onset
+            onset -= 1 if back < _CLOSE_BY else back // 7
+
+
+@njit(error_model="numpy")
+def _weigh(  # type: ignore[no-untyped-def]
+    statistic, severity, found, price, period, products, squares, both, overlap, levels, lost_times, delays,
+    constants,
+):  # fmt: skip
+    """Keep the likeliest sizes of each kind for one onset."""
+    c1, s11, c2, s22 = products[1], squares[1], products[2], squares[2]
+    if not (s11 > 0.0):
+        return
+    # shut, open, and stuck at c: the course is c - told
+    _keep(statistic, severity, _STUCK_OFF, found + _fit(-c2, s22), 1.0)
+    _keep(statistic, severity, _STUCK_ON, found + _fit(c1 - c2, s11 - 2.0 * both + s22), 1.0)
+    c = min(max((c1 + both) / s11, 0.0), 1.0)
+    value = found + _fit(c * c1 - c2, c * c * s11 - 2.0 * c * both + s22) - price
+    if c < _NEARLY:
+        _keep(statistic, severity, _STUCK_OFF, value, 1.0)
+    else:
+        _keep(statistic, severity, _STUCK_ON, value, c)
+    if s22 > 0.0:
+        c = min(max(-c2 / s22, 0.0), 1.0)
+        value = found + _fit(-c * c2, c * c * s22) - price
+        if c > 1.0 - _NEARLY:
+            _keep(statistic, severity, _STUCK_OFF, value, 1.0)
+        else:
+            _keep(statistic, severity, _LOSS, value, c)
+    # a leak that adds to the pulses: the course is c (1 - told)
+    spare = s11 - 2.0 * both + s22
+    if spare > 0.0:
+        c = min(max((c1 - c2) / spare, 0.0), 1.0)
+        value = found + _fit(c * (c1 - c2), c * c * spare) - price
+        value += 2.0 * math.log(3.0 * (1.0 - min(c, 0.99)) ** 2)  # the smaller, the likelier
+        _keep(statistic, severity, _LEAK if c <= 1.0 - _NEARLY else _STUCK_ON, value, c)
+    row = 3
+    for k in range(levels.size):
+        value = found + _fit(products[row], squares[row]) - 2.0 * price  # else no more than a stuck valve
+        _keep(statistic, severity, _LEAK, value, levels[k])
+        row += 1
+    for k in range(lost_times.size):
+        value = found + _fit(products[row], squares[row]) - price
+        _keep(statistic, severity, _LATE, value, lost_times[k] * period)
+        row += 1
+    for k in range(delays.size):
+        value = found + _fit(products[row], squares[row]) - price
+        _keep(statistic, severity, _LATE, value, delays[k] * period)
+        row += 1
+    for k in range(constants.size):
+        at = row + constants.size
+        c, s = products[at] - overlap[k], squares[at]
+        opened = min(max(c / s, 0.0), 1.0) if s > 0.0 else 0.0
+        c, s = products[row] + opened * products[at], squares[row] + opened * (2.0 * overlap[k] + opened * s)
+        _keep(statistic, severity, _SLUGGISH, found + _fit(c, s) - 2.0 * price, constants[k] * period)
+        row += 1
 
 
 @njit(error_model="numpy", inline="always")
-def _keep(statistic, severity, v, kind, found, size):  # type: ignore[no-untyped-def]
+def _fit(product, square):  # type: ignore[no-untyped-def]
+    """Twice the log-likelihood ratio of a course that is known but for the error of the thrust."""
+    missed = product - square
+    return 2.0 * product - square + missed * missed / (square + 1.0 / _THRUST_ERROR**2)
+
+
+@njit(error_model="numpy", inline="always")
+def _keep(statistic, severity, kind, found, size):  # type: ignore[no-untyped-def]
     """Keep the likeliest size of a kind."""
-    if found > statistic[v, kind]:
-        statistic[v, kind] = found
-        severity[v, kind] = size
+    if found > statistic[kind]:
+        statistic[kind] = found
+        severity[kind] = size
