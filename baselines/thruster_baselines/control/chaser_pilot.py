@@ -23,7 +23,7 @@ A vehicle without branch B has to do with what is left (`valve_allocation`):
   the chaser every way, and whatever force is left then lies in a cone of three directions. The approach is
   given up: it flies off in the direction that is nearest to straight back, diagonally if the thruster pushed
   back, and lets itself be carried across. Nearer than `commitment` that would lead out of the corridor before
-  it leads away from the target, so it goes on, unbraked, and holds across what it can;
+  it leads away from the target; there it goes on, unbraked, and holds across what it can;
 - what is wrong is asked again some seconds after a name, and then the detector begins anew with what is
   believed. A later name has to weigh something. Once authority is lost nothing is diagnosed any more: whoever
   closed the wrong valve has lost two thrusters.
@@ -83,10 +83,7 @@ class RecoverySettings:
             expected of it, as an open rate, for the belief to change.
         swing: How long alarms after a re-allocation are taken for the swing of a filter that has begun anew
             and learns the errors of more thrust, s.
-        straight: Cosine of the angle from straight back up to which a retreat stays in the corridor.
-        commitment: Distance from the target below which an approach that has lost authority goes on, if a
-            retreat would not be straight, m.
-        late_commitment: The same if it would be, m.
+        commitment: Distance from the target below which an approach that has lost authority goes on, m.
         mouth: Half-width of the corridor at the target, m.
         widening: Tangent of the angle by which it widens.
         corridor_share: Share of the half-width from which on the approach is given up.
@@ -108,9 +105,7 @@ class RecoverySettings:
     slowest: float = 1.0
     second_fault: float = 0.1
     swing: float = 40.0
-    straight: float = 0.95
-    commitment: float = 2.3
-    late_commitment: float = 0.5
+    commitment: float = 2.6
     mouth: float = 0.25
     widening: float = 0.176
     corridor_share: float = 0.8
@@ -548,15 +543,13 @@ class ChaserPilot:
             | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
             | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
         )
-        straight = -self._away[:, 1] > law.straight
-        far = ahead > np.where(straight, law.late_commitment, law.commitment)
         urgent = (self._reviews < 0) | (ahead < 2.0 * law.commitment)
-        for vehicle in np.flatnonzero(self._limited & urgent & far & ~self.retreating):
+        lost = self._limited & urgent & (ahead > law.commitment)
+        for vehicle in np.flatnonzero(lost & ~self.retreating):
             if self._reviews[vehicle] >= 0:
                 self._settle(int(vehicle))
             self._give_up(int(vehicle), "authority is lost", position[vehicle, 1], velocity[vehicle, 1])
-        committed = self._limited & ~straight
-        ends = (corridor | (missing & (ahead < law.gate))) & ~committed
+        ends = (corridor | (missing & (ahead < law.gate))) & ~self._limited
         for vehicle in np.flatnonzero(ends & ~self.retreating):
             why = "near the corridor's edge" if corridor[vehicle] else "outside of the tolerances of capture"
             if self._spare and not self.branch[vehicle]:
