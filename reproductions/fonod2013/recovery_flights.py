@@ -5,7 +5,8 @@ drawn from the flight's seed, so that all pilots meet the same. Onsets are unifo
 flight takes 206 s. Pilots fly by the same law and, but for the last, recover by the same rules:
 
 - the oracle is told of the fault at the first decision after it began;
-- the best stack diagnoses by the likelihood ratio of force and torque, and says what kind of fault it is;
+- the best stack diagnoses by the likelihood ratio of force and torque, probes its valves, and says what kind
+  of fault it is;
 - the source's method alarms by the norm of the residual and names the thruster by cross-correlation;
 - the unprotected one knows of nothing and recovers from nothing.
 
@@ -23,7 +24,7 @@ import gymnasium as gym
 import numpy as np
 
 import thruster_envs  # noqa: F401 - registers the environments
-from thruster_baselines.control import ApproachController, ChaserPilot
+from thruster_baselines.control import ApproachController, ChaserPilot, ProbeSettings
 from thruster_baselines.detection.residuals import (
     BaseNavigationDetector,
     CorrelationDetector,
@@ -41,9 +42,8 @@ __all__ = [
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
 ONSET = (0.0, 190.0)
-SETTLE = 20.0
-"""How long after a start the best stack does not alarm but learns what errors of mass and thrust do, s;
-with 5 s its threshold would have to be twenty times as high."""
+SETTLE = 2.0
+"""How long after a start the best stack does not alarm but learns its velocity, s."""
 AHEAD = 6.0
 """By how much the likelihood of the thruster it names is ahead of the next; chosen on validation seeds."""
 
@@ -82,7 +82,9 @@ class Flight:
         name: When a thruster was first named, s; infinite without.
         named: That thruster, from 1; 0 for none.
         said: What was said to be wrong with it.
+        said_at: When, s; infinite if it was not.
         statistic: The detector's largest, up to the first alarm.
+        fuel: Thruster-seconds of open valve.
     """
 
     pilot: str
@@ -97,7 +99,9 @@ class Flight:
     name: float
     named: int
     said: str
+    said_at: float
     statistic: float
+    fuel: float
 
     @property
     def detection(self) -> float:
@@ -186,7 +190,10 @@ def _batch(
     )  # fmt: skip
     observations, info = envs.reset(seed=list(seeds))
     steps = envs.unwrapped.worlds.task.steps
-    protected = ChaserPilot(spacecraft, steps, _detector(pilot, thresholds, count), vehicles=count)
+    protected = ChaserPilot(
+        spacecraft, steps, _detector(pilot, thresholds, count), vehicles=count,
+        probe=ProbeSettings() if pilot == "best stack" else None,
+    )  # fmt: skip
     plain = ApproachController(spacecraft, steps)
     truth = {key: info["fault"][key][:, 0].copy() for key in ("thruster", "kind", "severity")}
     onset, largest = np.full(count, np.inf), np.zeros(count)
@@ -216,7 +223,8 @@ def _batch(
                 pilot, seeds[world], kind, int(truth["thruster"][world]), float(truth["severity"][world]),
                 float(onset[world]), _end(info, int(world)), time,
                 float(protected.alarm_time[world]), float(protected.name_time[world]),
-                int(protected.named[world]), str(protected.kind[world]), float(largest[world]),
+                int(protected.named[world]), str(protected.kind[world]), float(protected.kind_time[world]),
+                float(largest[world]), float(info["fuel"][world]),
             )  # fmt: skip
         over |= terminated
     envs.close()

@@ -19,6 +19,7 @@ from thruster_baselines.control.quaternion_team import QuaternionTeam
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
 from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
+from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing, balanced_groups
 
 __all__ = [
     "ApproachController",
@@ -32,6 +33,7 @@ __all__ = [
     "FaultAllocation",
     "Measured",
     "ObservationReader",
+    "ProbeSettings",
     "QuaternionTeam",
     "RecoverySettings",
     "RelativeNavigation",
@@ -42,7 +44,9 @@ __all__ = [
     "ThrusterBelief",
     "ValveAllocation",
     "ValveBelief",
+    "ValveProbing",
     "VectorDiagnosisObservation",
     "authority_left",
+    "balanced_groups",
     "settings_for",
 ]

@@ -2,7 +2,9 @@
 
 Acts on observations of `MarsRendezvous-v0` with `inhibit=True` alone, for a batch of chasers. The law is
 `ApproachController`'s. A detector fed by navigation alarms and names the thruster; one that can identify says
-what is wrong with it. Then:
+what is wrong with it, at once or, with `probe`, when that is clear: valves are then opened for a moment now
+and then, and more often after an alarm, in groups that push and turn nowhere together (`valve_probing`), but
+not where the target is near, nor with a thruster that is known to be faulty. Then:
 
 - a loss that leaves `kept_share` of the thrust or more is made good: the others and the weak one are allotted
   with the corrected effectiveness, and the detector expects that from now on;
@@ -46,6 +48,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
 from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
+from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing
 from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
@@ -118,7 +121,7 @@ class ChaserDecision:
     Attributes:
         vehicle: Its index in the batch.
         time: s since the start of the episode.
-        what: `alarm`, `named`, `told`, `re-allocated`, `inhibited`, `branch B` or `retreat`.
+        what: `alarm`, `named`, `identified`, `told`, `re-allocated`, `inhibited`, `branch B` or `retreat`.
         thruster: Its number, from 1; 0 where none is meant.
         reason: The kind of fault, or why.
         severity: Of that kind; no number where none is believed.
@@ -152,6 +155,8 @@ class ChaserPilot:
         navigation_delay: Age of an observation, periods, as the environment has it.
         approach: How to fly.
         recovery: How to recover.
+        probe: How to open valves for a moment to see what they do; None to leave that alone, and to say what
+            is wrong with a thruster in the moment of its name.
 
     Attributes:
         log: Every decision, in order.
@@ -160,6 +165,7 @@ class ChaserPilot:
         name_time: (vehicles,), s, of the first name; infinite without.
         named: (vehicles,), the first thruster that was named, from 1; 0 for none.
         kind: (vehicles,), what was said to be wrong with it; empty for nothing.
+        kind_time: (vehicles,), s, when that was said; infinite if it was not.
         branch: (vehicles,), whether branch B is in use.
         retreating: (vehicles,), whether the approach has been given up.
 
@@ -178,6 +184,7 @@ class ChaserPilot:
         navigation_delay: int = 1,
         approach: ApproachSettings | None = None,
         recovery: RecoverySettings | None = None,
+        probe: ProbeSettings | None = None,
     ) -> None:
         require(navigation_delay >= 1, "navigation_delay", navigation_delay, "a whole number of 1 or more")
         require(
@@ -195,6 +202,7 @@ class ChaserPilot:
         self._push = AXES.T @ self._wrenches[:3] / spacecraft.mass  # m/s^2, LVLH
         self._spare = spacecraft.spare_branch
         self._allocation = ValveAllocation(self._wrenches)
+        self._probing = None if probe is None else ValveProbing(self._wrenches, self._period, probe)
         n, count = self._n, vehicles
         self._vehicles = count
         self.statistic: FloatArray = np.zeros(count)
@@ -202,6 +210,7 @@ class ChaserPilot:
         self.name_time: FloatArray = np.full(count, np.inf)
         self.named: IntArray = np.zeros(count, np.int64)
         self.kind: NDArray[np.str_] = np.full(count, "", "U16")
+        self.kind_time: FloatArray = np.full(count, np.inf)
         self.branch: BoolArray = np.zeros(count, np.bool_)
         self.retreating: BoolArray = np.zeros(count, np.bool_)
         self._closed: BoolArray = np.zeros((count, n), np.bool_)
@@ -212,6 +221,8 @@ class ChaserPilot:
         self._reviewed: IntArray = np.zeros(count, np.int64)  # the thruster that is asked about again, from 1
         self._reviews: IntArray = np.full(count, -1)  # how often it was; -1 if it is not any more
         self._named_at: FloatArray = np.zeros(count)
+        self._asked: IntArray = np.zeros(count, np.int64)  # the thruster of which it is not yet clear, from 1
+        self._asked_at: FloatArray = np.full(count, np.inf)
         self._limited: BoolArray = np.zeros(count, np.bool_)  # whether authority is lost
         self._away: FloatArray = np.zeros((count, 3))  # where a retreat without authority goes, LVLH
         # What a filter that knows of the fault sees beyond the one of the observations: m, m/s, LVLH.
@@ -229,7 +240,8 @@ class ChaserPilot:
         """Begin an episode in the vehicles of a mask (vehicles,), or in all of them; the log stays."""
         mask = np.ones(self._vehicles, np.bool_) if vehicles is None else np.asarray(vehicles, np.bool_)
         self.alarm_time[mask] = self.name_time[mask] = self._alarm[mask] = np.inf
-        self.named[mask], self.kind[mask] = 0, ""
+        self.named[mask], self.kind[mask], self.kind_time[mask] = 0, "", np.inf
+        self._asked[mask] = 0
         self.branch[mask] = self.retreating[mask] = False
         self._elapsed[mask], self._changed[mask] = 0.0, np.inf
         self._due = {vehicle: why for vehicle, why in self._due.items() if not mask[vehicle]}
@@ -278,7 +290,7 @@ class ChaserPilot:
         wanted = self.controller.acceleration(rows, (along, speed, acceleration))
         if self._limited.any():
             wanted[self._limited] = self._make_do(wanted, velocity)[self._limited]
-        rates = self._open_rates(self.controller.wrench_for(rows, wanted))
+        rates = self._probe(self._open_rates(self.controller.wrench_for(rows, wanted)), position)
         n, size = self._n, 2 * self._n + int(self._spare)
         actions = np.full((rows.shape[0], size), -1.0, np.float32)
         actions[:, :n] = 2.0 * np.where(self._closed, 0.0, rates) - 1.0
@@ -291,6 +303,25 @@ class ChaserPilot:
         """(vehicles, n) open rates of thrusters as they are believed to be."""
         belief, idle = self._belief, self.controller.settings.idle
         return belief.commands(self._allocation(wrench, belief.lower, belief.upper, idle=idle))
+
+    def _probe(self, rates: FloatArray, position: FloatArray) -> FloatArray:
+        """(vehicles, n) open rates for the same wrench, with a probe where all thrusters are trusted."""
+        if self._probing is None:
+            return rates
+        elapsed: IntArray = self._elapsed.astype(np.int64)
+        heights = self._probing.heights(
+            elapsed, self._since(self._alarm), self._since(self._asked_at), self._asked
+        )
+        sound = ~self.branch & ~self.retreating & (self._blamed == 0) & ~self._closed.any(axis=1)
+        heights[~sound | (position[:, 1] > -self.recovery.near)] = 0.0
+        return self._probing.open(rates, heights)
+
+    def _since(self, time: FloatArray) -> IntArray:
+        """(vehicles,) periods since moments, s; below 0 for those that are infinite."""
+        known = np.isfinite(time)
+        return np.where(
+            known, np.round(self._elapsed - np.where(known, time, 0.0) / self._period), -1
+        ).astype(np.int64)
 
     def _see_through(self, rows: FloatArray) -> None:
         """Put right the velocities of observations, whose filter expects what nominal thrusters give."""
@@ -347,7 +378,7 @@ class ChaserPilot:
             self._note(int(vehicle), "alarm", 0, "the statistic is above the threshold")
         fresh = detected & (diagnosis.thruster > 0) & ~self.branch
         if fresh.any():
-            self._name(np.where(fresh, diagnosis.thruster, 0))
+            self._name(np.where(fresh, diagnosis.thruster, 0), rows, position)
         doubtful = detected & ~self.branch & ~fresh
         late = time - self._alarm >= law.doubt_time
         close = (position[:, 1] > -law.near) & self._spare
@@ -360,19 +391,50 @@ class ChaserPilot:
         for vehicle in np.flatnonzero(detected & self.branch & ~self.retreating):
             self._give_up(int(vehicle), "an alarm on branch B", position[vehicle, 1], velocity[vehicle, 1])
 
-    def _name(self, thruster: IntArray) -> None:
-        """Say what is wrong with the named thrusters (vehicles,), from 1, and recover."""
+    def _name(self, thruster: IntArray, rows: FloatArray, position: FloatArray) -> None:
+        """Say what is wrong with the named thrusters (vehicles,), from 1, once it is clear, and recover."""
         kinds, sizes = [_OPENED] * self._vehicles, np.ones(self._vehicles)
+        clear = np.ones(self._vehicles, np.bool_)
+        now = self._period * self._elapsed
         if isinstance(self.detector, FusionDetector):
             identified = self.detector.identify(thruster)
             kinds, sizes = list(identified.kind), identified.severity
+            if self._probing is not None:
+                second, first = np.sort(identified.statistic, axis=1)[:, -2:].T
+                clear = self._is_clear(first - second, thruster, rows, position)
         for vehicle in np.flatnonzero(thruster):
             who, kind, size = int(thruster[vehicle]), kinds[vehicle], float(sizes[vehicle])
             if self.named[vehicle] == 0:
-                self.named[vehicle], self.kind[vehicle] = who, kind
-                self.name_time[vehicle] = self._period * self._elapsed[vehicle]
-            self._note(int(vehicle), "named", who, kind, size)
+                self.named[vehicle], self.name_time[vehicle] = who, now[vehicle]
+            if not clear[vehicle]:
+                if self._asked[vehicle] != who:
+                    self._asked[vehicle], self._asked_at[vehicle] = who, now[vehicle]
+                    self._note(int(vehicle), "named", who, "what is wrong with it is not yet clear")
+                continue
+            if self.kind[vehicle] == "":
+                self.kind[vehicle], self.kind_time[vehicle] = kind, now[vehicle]
+            self._note(
+                int(vehicle), "identified" if self._asked[vehicle] == who else "named", who, kind, size
+            )
+            self._asked[vehicle] = 0
             self._recover(int(vehicle), who, kind, size)
+
+    def _is_clear(
+        self, lead: FloatArray, thruster: IntArray, rows: FloatArray, position: FloatArray
+    ) -> BoolArray:
+        """(vehicles,) whether to say what is wrong with named thrusters: it shows, or time is up."""
+        assert self._probing is not None
+        law, ahead = self._probing.settings, -position[:, 1]
+        since = np.where(self._asked == thruster, self._period * self._elapsed - self._asked_at, 0.0)
+        width = self.recovery.mouth + self.recovery.widening * np.maximum(ahead, 0.0)
+        urgent = (
+            (ahead < self.recovery.near)
+            | (np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
+            | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
+            | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
+        )
+        shown = (lead >= law.margin) & (since >= law.least_wait - 1e-6)
+        return np.asarray(shown | urgent | (since >= law.longest_wait - 1e-6))
 
     def _recover(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Go on with what the thruster still does, or without it."""
@@ -518,6 +580,7 @@ class ChaserPilot:
         self.branch[vehicle] = True
         self._changed[vehicle] = self._period * self._elapsed[vehicle]
         self._alarm[vehicle] = np.inf
+        self._asked[vehicle] = 0
         self._trust(mask)
         self._note(vehicle, "branch B", 0, reason)
 
