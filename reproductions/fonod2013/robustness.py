@@ -88,7 +88,7 @@ class Point:
 
 def robustness(effort: Effort) -> Finding:
     """`MSR-10`."""
-    count = effort.flights
+    count, each = effort.flights, max(effort.flights // 2, 1)
     quiet, healthy = fly(VALIDATION[:count]), fly(TEST[: HEALTHY_PER_EFFORT * count])
     flights = healthy.onset.size
     hours = flights * (HEALTHY_DURATION - SETTLE) / 3600.0
@@ -102,7 +102,7 @@ def robustness(effort: Effort) -> Finding:
     first = HEALTHY_PER_EFFORT * count
     for kind, how in KINDS.items():
         struck = [
-            joined([fly(TEST[first + count * i : first + count * (i + 1)], i + 1, *how) for i in range(8)])
+            joined([fly(TEST[first + each * i : first + each * (i + 1)], i + 1, *how) for i in range(8)])
         ]
         for name, one in CONTENDERS.items():
             points = []
@@ -120,7 +120,7 @@ def robustness(effort: Effort) -> Finding:
             "and it names every open valve right, under the same effects": printed.share == 1.0,
         },
         note=(
-            f"{flights} healthy flights, {8 * count} of each fault, as many of each thruster. Padé, observer "
+            f"{flights} healthy flights, {8 * each} of each fault, as many of each thruster. Padé, observer "
             "and undelayed isolate by the source's correlation, which is right for valves that are too far "
             "open. Signature alarms as Padé does, and looks for open valves and losses only. The fusion is "
             "the likelihood ratio of force and torque. That of the force alone stands beside it, and never "
