@@ -71,7 +71,7 @@ CONTENDERS = {
     "observer": Contender(correlation(design="observer"), 1.3, ORANGE, 5.0, "s"),
     "undelayed": Contender(correlation(design="undelayed"), 1.3, PURPLE, 1.5, "x"),
     "signature": Contender(_signature, 1.3, RED, 1.5, "."),
-    "ratio of force": Contender(_ratio(use_rate=False), 1.5, INK, 1.5, "v"),
+    "force alone": Contender(_ratio(use_rate=False), 1.5, INK, 1.5, "v"),
     "fusion": Contender(_ratio(use_rate=True), 1.5, GREEN, 1.5, "^"),
 }
 IN_METRES = ("Padé", "observer", "undelayed", "signature")
@@ -113,7 +113,7 @@ def robustness(effort: Effort) -> Finding:
                 points.append(Point(rate, *_medians(seen)))
             curves[kind, name], at_own[kind, name] = points, seen
     printed = at_own["open", "Padé"]
-    named = np.mean([at_own[kind, "ratio of force"].named > 0 for kind in KINDS])
+    named = np.mean([at_own[kind, "force alone"].named > 0 for kind in KINDS])
     return Finding(
         ours=f"false alarms in {hours:.1f} h: {', '.join(f'{k} {v}' for k, v in false.items())}",
         checks={
