@@ -202,6 +202,8 @@ class ChaserPilot:
         self._push = AXES.T @ self._wrenches[:3] / spacecraft.mass  # m/s^2, LVLH
         self._spare = spacecraft.spare_branch
         self._allocation = ValveAllocation(self._wrenches)
+        # Nearer than that nothing is waited for, m: without a branch to go over to, a retreat takes its time.
+        self._hurry = self.recovery.near if self._spare else 2.0 * self.recovery.commitment
         self._probing = None if probe is None else ValveProbing(self._wrenches, self._period, probe)
         n, count = self._n, vehicles
         self._vehicles = count
@@ -313,7 +315,8 @@ class ChaserPilot:
             elapsed, self._since(self._alarm), self._since(self._asked_at), self._asked
         )
         sound = ~self.branch & ~self.retreating & (self._blamed == 0) & ~self._closed.any(axis=1)
-        heights[~sound | (position[:, 1] > -self.recovery.near)] = 0.0
+        near = np.where(np.isfinite(self._alarm), self._hurry, self.recovery.near)
+        heights[~sound | (position[:, 1] > -near)] = 0.0
         return self._probing.open(rates, heights)
 
     def _since(self, time: FloatArray) -> IntArray:
@@ -428,7 +431,7 @@ class ChaserPilot:
         since = np.where(self._asked == thruster, self._period * self._elapsed - self._asked_at, 0.0)
         width = self.recovery.mouth + self.recovery.widening * np.maximum(ahead, 0.0)
         urgent = (
-            (ahead < self.recovery.near)
+            (ahead < self._hurry)
             | (np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
             | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
             | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
