@@ -6,7 +6,7 @@ flight takes 206 s. Pilots fly by the same law and, but for the last, recover by
 
 - the oracle is told of the fault at the first decision after it began;
 - the best stack diagnoses by the likelihood ratio of force and torque, probes its valves, and says what kind
-  of fault it is;
+  of fault it is when that is clear; `UNPROBED` is the same without probes, and says it with the name;
 - the source's method alarms by the norm of the residual and names the thruster by cross-correlation;
 - the unprotected one knows of nothing and recovers from nothing.
 
@@ -36,8 +36,8 @@ from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
 __all__ = [
-    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "Flight", "calibrate", "fly", "fly_healthy",
-    "is_saved", "is_struck", "of_kind", "share",
+    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "UNPROBED", "Flight", "calibrate", "fly",
+    "fly_healthy", "is_saved", "is_struck", "of_kind", "share",
 ]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
@@ -58,7 +58,8 @@ KINDS_OF_FAULT: dict[str, tuple[str, tuple[float, float]]] = {
 }
 """Each with its name among the environment's faults and the range of its size: shares, s."""
 
-MARGINS = {"best stack": 1.5, "source's method": 1.3}
+UNPROBED = "best stack, not probing"
+MARGINS = {"best stack": 1.5, UNPROBED: 1.5, "source's method": 1.3}
 """Of thresholds over the largest statistic of healthy flights: of a squared length, and of a length."""
 
 PILOTS = ("oracle", "best stack", "source's method", "unprotected")
@@ -158,7 +159,7 @@ def share(part: int, whole: int) -> str:
 
 
 def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNavigationDetector | None:
-    if pilot == "best stack":
+    if pilot in ("best stack", UNPROBED):
         return FusionDetector(
             "msr_chaser", min(thresholds[pilot], 1e12), margin=AHEAD, settle=SETTLE, vehicles=vehicles
         )
