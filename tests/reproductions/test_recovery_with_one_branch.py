@@ -11,7 +11,10 @@ from reproductions.fonod2013.recovery_with_one_branch import _among, _ends, _lef
 from thruster_envs.seeds import VALIDATION
 
 THRESHOLDS = {"best stack": 16.0, "source's method": 0.0235}
-FLIGHT = Flight("oracle", 1, "open", 3, 1.0, 60.0, "captured", 206.0, 60.5, 61.0, 3, "stuck_on", 5.0)
+FLIGHT = Flight(
+    pilot="oracle", seed=1, kind="open", thruster=3, severity=1.0, onset=60.0, end="captured", duration=206.0,
+    alarm=60.5, name=61.0, named=3, said="stuck_on", said_at=61.0, statistic=5.0, fuel=160.0,
+)  # fmt: skip
 
 
 def test_the_oracle_retreats_without_the_thruster_and_captures_with_a_stuck_one():
