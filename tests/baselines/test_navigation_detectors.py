@@ -288,24 +288,24 @@ def test_force_alone_is_slower_than_force_and_torque(closed):
     assert np.median(force.detection) > 2.0 * np.median(both.detection)
 
 
-def exact_flight(samples: int, thruster: int, share: float, first: int):
-    """Without noise, by the model that the fusion has: the share more from a sample on.
+def exact_flight(samples: int, thruster: int, deliver, first: int, seed: int = 0):
+    """Without noise, by the fusion's model: what one thruster gives of all that it is told from a sample on.
 
     All sums of the fusion begin anew at each 36th sample.
     """
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     effectiveness = MSR_A.effectiveness()
     step, push = (rule(MSR_A.mean_motion, PERIOD) for rule in (transition_matrix, force_response))
     told = rng.uniform(0.2, 0.6, (samples, 8))
     told = told.mean(axis=1, keepdims=True) + 0.02 * (told - told.mean(axis=1, keepdims=True))
+    delivered = told.copy()
+    delivered[first - 1 :, thruster - 1] = deliver(told[first - 1 :, thruster - 1])
     state, rate = np.array([0.0, -20.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3)
     position, rates = np.empty((samples, 3)), np.empty((samples, 3))
     inertia = np.diag(chaser_flight.INERTIA)
     for k in range(samples):
         position[k], rates[k] = state[:3], rate
-        given = told[k - 1].copy() if k > 0 else told[0].copy()
-        given[thruster - 1] += share if k >= first else 0.0
-        change = effectiveness @ given
+        change = effectiveness @ delivered[max(k - 1, 0)]
         state = step @ state + push @ change[:3]
         free = np.linalg.solve(inertia, np.cross(rate, inertia @ rate))
         rate = rate + PERIOD * (change[3:] - free)
@@ -313,7 +313,7 @@ def exact_flight(samples: int, thruster: int, share: float, first: int):
 
 
 def test_fusion_has_no_residual_of_its_own_model_and_finds_an_exact_share():
-    told, position, rates = exact_flight(600, thruster=6, share=0.2, first=468)
+    told, position, rates = exact_flight(600, 6, lambda u: u + 0.2, first=468)
     detector = FusionDetector(MSR_A, RATIO, settle=30.0, bias_time=np.inf)
     attitude = [1.0, 0.0, 0.0, 0.0]
     for k in range(500):
@@ -323,6 +323,60 @@ def test_fusion_has_no_residual_of_its_own_model_and_finds_an_exact_share():
     assert diagnosis.thruster[0] == 6
     assert detector.share[0, 5] == pytest.approx(0.2, rel=1e-3)
     np.testing.assert_allclose(diagnosis.shortfall[0, 5], -0.2 * PERIOD, rtol=1e-3)
+
+
+def slow(told, constant):
+    """Open rates that come of pulses at the beginnings of periods, behind a lag in periods."""
+    level, delivered = 0.0, np.empty(told.size)
+    for k, u in enumerate(told):
+        after = level * np.exp(-1.0 / constant) + (1.0 - np.exp(-u / constant)) * np.exp((u - 1.0) / constant)
+        delivered[k] = u - constant * (after - level)
+        level = after
+    return delivered
+
+
+EXACT_KINDS = [
+    ("stuck_off", 1.0, lambda u: 0.0 * u),
+    ("stuck_on", 1.0, lambda u: 0.0 * u + 1.0),
+    ("stuck_on", 0.5, lambda u: 0.0 * u + 0.5),
+    ("loss", 0.6, lambda u: 0.4 * u),
+    ("leak", 0.4, lambda u: u + 0.4 * (1.0 - u)),
+    ("late_opening", 0.04, lambda u: np.maximum(u - 0.4, 0.0)),
+    ("slow_opening", 0.4, lambda u: slow(u, 4.0)),
+]
+
+
+@pytest.mark.parametrize(("kind", "size", "deliver"), EXACT_KINDS)
+def test_changing_commands_tell_every_kind_apart(kind, size, deliver):
+    told, position, rates = exact_flight(520, 3, deliver, first=468)
+    rng = np.random.default_rng(1)
+    position += rng.normal(0.0, MSR_A.sensors.position, position.shape)
+    rates += rng.normal(0.0, MSR_A.sensors.rate, rates.shape)
+    detector = FusionDetector(MSR_A, 20.0, margin=6.0, timing=0.0, bias_time=np.inf)
+    for k in range(520):
+        detector.update(told[k], position[k], [1.0, 0.0, 0.0, 0.0], rates[k])
+    assert detector.thruster[0] == 3
+    assert detector.detection_time[0] >= 46.8
+    found = detector.identify()
+    assert found.kind == (kind,)
+    assert found.severity[0] == pytest.approx(size, abs=0.05)
+
+
+def test_gains_at_the_start_are_those_of_a_straight_line_through_all_samples():
+    """The least squares of n positions: 2 (2 n - 1) / (n (n + 1)) and 6 / (n (n + 1)) over the period."""
+    gains = FusionDetector(MSR_A, RATIO, disturbance=1e-9)._gains[:30]
+    n = np.arange(2, 32)
+    np.testing.assert_allclose(gains[:, 0], 2.0 * (2 * n - 1) / (n * (n + 1)), rtol=1e-3)
+    np.testing.assert_allclose(PERIOD * gains[:, 1], 6.0 / (n * (n + 1)), rtol=1e-3)
+    # and of the mean of all rates
+    np.testing.assert_allclose(gains[:, 2], 1.0 / n, rtol=1e-3)
+
+
+def test_fusion_need_not_settle(healthy):
+    """Its filters begin at rest, the chasers at 0.1 m/s: two seconds later that is forgotten."""
+    statistic = watch(FusionDetector(MSR_A, np.inf, vehicles=10), healthy).statistic
+    assert statistic[:, :20].max() == 0.0
+    assert statistic[:, 20:400].max() < 12.0
 
 
 def make_detectors():

@@ -49,7 +49,7 @@ class ProbeSettings:
         spin: Likewise of the body rate against LVLH, rad/s.
     """
 
-    interval: float = 2.5
+    interval: float = 4.0
     height: float = 0.7
     search: tuple[float, ...] = (0.6, 0.6, 0.6)
     question: tuple[float, ...] = (*(4 * (0.6,)), *(4 * (0.0,)), *(4 * (1.0,)), *(4 * (0.0,)))
