@@ -501,6 +501,8 @@ class ChaserPilot:
         if kind == "stuck_on" and severity < idle:
             # While commands hardly change, a constant is also a share of them, and that can be made good.
             kind, severity = "loss", 1.0 - severity / idle
+        if kind == "late_opening" and severity >= self._period:
+            kind = "slow_opening"  # the beginning of no pulse is as long, so that all of each comes later
         return kind, severity
 
     def _close(self, vehicle: int) -> None:
