@@ -18,13 +18,13 @@ FLIGHT = Flight(
 
 
 def test_the_oracle_retreats_without_the_thruster_and_captures_with_a_stuck_one():
-    flights = fly("oracle", VALIDATION[:3], THRESHOLDS, spare_branch=False)
+    flights = fly("oracle", VALIDATION[20:23], THRESHOLDS, spare_branch=False)
     assert [(one.kind, one.end) for one in flights] == [
         ("open", "retreated"),
         ("closed", "retreated"),
         ("stuck at", "captured"),
     ]
-    with_a_branch = fly("unprotected", VALIDATION[:3], THRESHOLDS)
+    with_a_branch = fly("unprotected", VALIDATION[20:23], THRESHOLDS)
     assert [(one.thruster, one.severity) for one in flights] == [
         (one.thruster, one.severity) for one in with_a_branch
     ]
