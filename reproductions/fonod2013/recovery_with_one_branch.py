@@ -73,8 +73,8 @@ def study(effort: Effort) -> Finding:
     return Finding(
         ours=(
             f"the oracle saves {len(savable)} of {len(struck['oracle'])} and captures in {len(capturable)}; "
-            f"of these the best stack saves {_percent(saved)} and captures in {_percent(caught)}, the source's "
-            f"method {_percent(_among(source, savable, is_saved))} and "
+            f"of these the best stack saves {_percent(saved)} and captures in {_percent(caught)}, the "
+            f"source's method {_percent(_among(source, savable, is_saved))} and "
             f"{_percent(_among(source, capturable, _is_captured))}, the unprotected pilot "
             f"{_percent(_among(struck['unprotected'], savable, is_saved))} and "
             f"{_percent(_among(struck['unprotected'], capturable, _is_captured))}"
