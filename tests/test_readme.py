@@ -37,7 +37,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     assert thrusters == "1"
     assert 400 <= int(first) < 1000
     *decisions, end = lines[approach:]
-    assert any(re.fullmatch(r"6\d\.\d s  named: thruster 3, stuck_on", line) for line in decisions)
+    assert any(re.fullmatch(r"6\d\.\d s  identified: thruster 3, stuck_on", line) for line in decisions)
     assert "branch B" in decisions[-1]
     assert end == "captured"
 

@@ -93,9 +93,9 @@ def study(effort: Effort) -> Finding:
         "harm. So the best stack probes: it opens four valves together that push and turn nowhere, the two "
         "groups of four in turn, for a period every few seconds, which costs "
         f"{100.0 * price:.1f} % more open time in a healthy flight, and more often after an alarm. The other "
-        f"pilots do not. Of the {len(unseen)} faults that it does not notice, "
-        f"{sum(one.kind == 'slow' for one in unseen)} are slow valves; the unprotected pilot captures in "
-        f"{harmless} of these flights. Of the other six kinds it detects "
+        f"pilots do not. Faults that it does not notice: {len(unseen)}, of these slow valves: "
+        f"{sum(one.kind == 'slow' for one in unseen)}, and captures of the unprotected pilot in these "
+        f"flights: {harmless}. Of the six kinds beside slow valves it detects "
         f"{share(sum(map(_detected, not_slow)), len(not_slow))} and names the right thruster in "
         f"{share(sum(one.named == one.thruster for one in not_slow), len(not_slow))}, the last of them "
         f"{_seconds(max(one.name - one.onset for one in not_slow))} after the onset. It alarms from "
@@ -107,8 +107,8 @@ def study(effort: Effort) -> Finding:
         f"{PERIOD:g} s, and an opening later than that loses every pulse whatever is commanded: it is a "
         f"closed valve to anybody, and counts as right if it is called one ({sum(map(_is_shut, late))} of "
         f"the {len(late)} late ones). One that is nearly as late hardly differs. A leak of c adds c (1 - u) "
-        "to an open rate u: near to c = 1 that is a stuck valve, and from some 0.75 on the two are at times "
-        "mistaken for each other. Numbers are of MSR-A, ours."
+        "to an open rate u: near to c = 1 that is a stuck valve, and in flights of validation seeds valves "
+        "stuck above some 0.75 were now and then called leaks. Numbers are of MSR-A, ours."
     )
     return Finding(
         ours=(
