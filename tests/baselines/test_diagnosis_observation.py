@@ -130,6 +130,45 @@ def test_a_new_episode_begins_with_a_detector_that_has_seen_nothing(mode):
     many.step(actions)
 
 
+def test_a_second_episode_is_diagnosed_as_in_a_new_environment():
+    """What was told in the first one is forgotten, however late the sights are."""
+    settings = {"faults": [OPEN[0] | {"onset": 3.03}], "navigation_delay": 3}
+    actions = np.random.default_rng(1).uniform(-1.0, -0.2, (60, 8)).astype(np.float32)
+
+    def flown(env, seed):
+        return np.array([env.reset(seed=seed)[0]] + [env.step(action)[0] for action in actions])
+
+    used = single(FusionDetector("msr_chaser", 20.0), **settings)
+    flown(used, 7)
+    again = flown(used, 8)
+    np.testing.assert_array_equal(again, flown(single(FusionDetector("msr_chaser", 20.0), **settings), 8))
+    assert again[-1, 37]
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_later_episodes_of_a_batch_are_those_of_single_environments(mode):
+    settings = {"faults": [OPEN[0] | {"onset": 3.03}], "navigation_delay": 2, "max_episode_steps": 60}
+    many = batch(2, FusionDetector("msr_chaser", 20.0, vehicles=2), autoreset_mode=mode, **settings)
+    many.reset(seed=5)
+    ones = [single(FusionDetector("msr_chaser", 20.0), **settings) for _ in range(2)]
+    for i, one in enumerate(ones):
+        one.reset(seed=5 + i)
+    rng = np.random.default_rng(2)
+    for k in range(1, 150):
+        actions = rng.uniform(-1.0, -0.2, (2, 8)).astype(np.float32)
+        seen, _, _, truncated, _ = many.step(actions)
+        over = k % 61 == 0 if mode == AutoresetMode.NEXT_STEP else k % 60 == 0
+        if over:
+            seen = (
+                many.reset(options={"reset_mask": truncated})[0] if mode == AutoresetMode.DISABLED else seen
+            )
+            alone = [one.reset()[0] for one in ones]
+        else:
+            alone = [one.step(action)[0] for one, action in zip(ones, actions, strict=True)]
+        np.testing.assert_array_equal(seen, alone)
+    assert many.unwrapped.worlds.steps.max() < 60  # so that there were resets
+
+
 @pytest.mark.filterwarnings("ignore:.*has a wrapper applied:UserWarning")  # the wrapper is what is checked
 def test_checkers_find_nothing_wrong_with_either_form():
     check_env(single(), skip_render_check=True)

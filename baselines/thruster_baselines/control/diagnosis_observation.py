@@ -60,7 +60,9 @@ class _Watch:
         self.minimum = np.array([one.minimum_pulse for one in vehicle.thrusters]) / vehicle.control_period
         self.residual = detector if isinstance(detector, ResidualDetector) else None
         self.size = 2 + self.n + (0 if self.residual is None else 3)
-        self.commands: deque[FloatArray] = deque(maxlen=self.delay)
+        self.commands: deque[FloatArray] = deque(
+            (np.zeros((count, self.n)) for _ in range(self.delay)), maxlen=self.delay
+        )
         self.statistic: FloatArray = np.zeros(count)
         self.elapsed: FloatArray = np.zeros(count)
         self.branch: BoolArray = np.zeros(count, np.bool_)
@@ -69,6 +71,8 @@ class _Watch:
         """Forget the worlds whose episode begins."""
         self.detector.reset(mask)
         self.statistic[mask], self.elapsed[mask], self.branch[mask] = 0.0, 0.0, False
+        for command in self.commands:
+            command[mask] = 0.0
 
     def look(self, observations: Floats) -> None:
         """Let the detector see one more sample of every world, but for those that begin."""
@@ -86,7 +90,6 @@ class _Watch:
         if self.valves:
             shut |= rows[:, _AFTER + n : _AFTER + 2 * n] > 0.0
         self.commands.append(np.where(shut, 0.0, rates))
-        self.begin(begins)
         if self.spare:
             branch = rows[:, _AFTER + 2 * n] > 0.0
             if (branch != self.branch).any():
@@ -98,6 +101,7 @@ class _Watch:
         self.statistic = self.detector.update(
             self.commands[0], self.reader.position(rows), attitude, rate, valid=valid
         ).statistic
+        self.begin(begins)
 
     def numbers(self) -> Floats:
         """(worlds, size): what is added to an observation."""
