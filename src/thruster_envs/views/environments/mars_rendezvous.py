@@ -49,9 +49,10 @@ class MarsRendezvousEnv(TaskEnv):
 
     `Box(..., (36,), float32)`. Position and velocity in LVLH axes (x radial, y along-track, z cross-track),
     from the target; attitude error, rate error and rate changes in body axes. The attitude of the approach
-    has x to the target, y against the orbit's normal and z to the planet. Everything but time and open rates
-    is as old as navigation is slow. *Authority* is the largest rate change that the healthy vehicle reaches
-    on an axis in one period. Values beyond a bound are clipped.
+    has x to the target, y against the orbit's normal and z to the planet. What is measured, filtered or
+    expected is as old as navigation is slow; time, open rates, valves, branch and truth are those of now.
+    *Authority* is the largest rate change that the healthy vehicle reaches on an axis in one period. Values
+    beyond a bound are clipped.
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
@@ -110,11 +111,13 @@ class MarsRendezvousEnv(TaskEnv):
       slot), `kind` (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (on the branch
       that is in use).
     - `fuel`: thruster-seconds of open valve since the reset.
-    - `score`: at capture 0.5, and up to 0.5 more for economy; 0.25 for a retreat; 0 if missed or lost; else
-      0.25 times the share of the distance gained.
+    - `score`: at capture 0.5, and 0.5 more for at most the thruster-seconds of an open rate of 0.1 in all
+      thrusters for the nominal time, in inverse proportion for more; 0.25 for a retreat; 0 if missed or lost;
+      else 0.25 times the share of the distance gained.
     - `success`: whether the target is captured.
     - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
-      `delay`: from command to opening of each thruster's last pulse, s, as it truly was; 0 before the first.
+      `delay`: from the last command to the opening of its pulse, s, for each thruster, as it truly is, told
+      to open or not; 0 at the reset.
 
     ## Arguments
 
@@ -126,7 +129,9 @@ class MarsRendezvousEnv(TaskEnv):
       modulator.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
       mappings. `reset(options={"faults": ...})` gives one episode its own. Thrusters 9 to 16 are those of the
-      spare branch; what is wrong with them shows once it is in use.
+      spare branch; what is wrong with them shows once it is in use. A pulse lasts 0.1 s at most, and an
+      opening later than it is long loses it: the 0.5 to 2 s of `late_opening` that a distribution draws by
+      default shut a thruster altogether.
     - `observe_fault`: whether the truth about the faults is added to the observation.
     - `fault_slots`: faults that the chaser can have in an episode, 4 by default.
     - `nonlinear`: whether to fly by the full two-body relative equations (the default) or by Hill's.
