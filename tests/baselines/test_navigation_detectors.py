@@ -566,8 +566,13 @@ def test_wrong_values_are_named():
         NormThreshold(MSR_A, 1.0, design="pad")
     with pytest.raises(ValueError, match="vote 'most' is unknown"):
         CorrelationDetector(MSR_A, 1.0, vote="most")
-    with pytest.raises(ValueError, match=r"window is 0; one sample or more would be right"):
-        CorrelationDetector(MSR_A, 1.0, window=0)
+    for window in (0, 1.5):
+        with pytest.raises(ValueError, match=f"window is {window}; a whole number of samples from 1 would"):
+            CorrelationDetector(MSR_A, 1.0, window=window)
+    with pytest.raises(ValueError, match=r"vehicles is 1\.5; a whole number from 1 would be right"):
+        NormThreshold(MSR_A, 1.0, vehicles=1.5)
+    with pytest.raises(ValueError, match=r"design is 'pade'; 'undelayed', as the thrust of 'orion' comes"):
+        NormThreshold("orion", 1.0)
     with pytest.raises(ValueError, match=r"kinds has 'lost'; did you mean 'loss'"):
         SignatureDetector(MSR_A, 1.0, kinds=("lost",))
     with pytest.raises(ValueError, match=r"threshold is nan; a number of 0 or more would be right"):

@@ -82,7 +82,7 @@ class BaseNavigationDetector(ABC):
             spacecraft = load(spacecraft)
         require(threshold >= 0.0, "threshold", threshold, "a number of 0 or more")
         require(settle >= 0.0, "settle", settle, "a number of s, 0 or more")
-        require(vehicles >= 1, "vehicles", vehicles, "one or more")
+        require(vehicles >= 1 and vehicles % 1 == 0, "vehicles", vehicles, "a whole number from 1")
         self.spacecraft = spacecraft
         self.threshold = float(threshold)
         self.settle = float(settle)

@@ -99,8 +99,11 @@ class CorrelationDetector(NormThreshold):
         ):
             if value not in known:
                 raise ValueError(f"{name} {value!r} is unknown; {suggestion(value, known)}")
-        require(window >= 1, "window", window, "one sample or more")
-        require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
+        require(window >= 1 and window % 1 == 0, "window", window, "a whole number of samples from 1")
+        require(
+            confirmations >= 1 and confirmations % 1 == 0, "confirmations", confirmations,
+            "a whole number of samples from 1",
+        )  # fmt: skip
         require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1,")
         self.window, self.confirmations = int(window), int(confirmations)
         self.idle_guard = float(idle_guard)

@@ -29,7 +29,7 @@ from thruster_baselines.detection.residuals.base import (
 from thruster_baselines.detection.residuals.design import ResidualDesign, observer_design, pade_design
 from thruster_baselines.detection.residuals.generator import Observers, observe, turned_thrust
 from thruster_baselines.mapping.simplex import in_threads
-from thruster_envs.configuration import suggestion
+from thruster_envs.configuration import require, suggestion
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -118,6 +118,8 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
     """
     motion, period, delay = spacecraft.mean_motion, spacecraft.control_period, nominal_delay(spacecraft)
     if name == "pade":
+        at_once = f"'undelayed', as the thrust of {spacecraft.name!r} comes at once,"
+        require(delay > 0.0, "design", name, at_once)
         return pade_design(motion, period, delay)
     if name == "observer":
         return observer_design(motion, period, late=round(delay / period))

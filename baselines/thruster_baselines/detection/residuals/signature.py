@@ -86,14 +86,17 @@ class SignatureDetector(NormThreshold):
             spacecraft = load(spacecraft)
         if lag is None:
             lag = round(nominal_delay(spacecraft) / spacecraft.control_period)
-        require(lag >= 0, "lag", lag, "a number of periods, 0 or more")
+        require(lag >= 0 and lag % 1 == 0, "lag", lag, "a whole number of periods, 0 or more,")
         known = get_args(SignatureKind)
         for kind in kinds:
             if kind not in known:
                 raise ValueError(f"kinds has {kind!r}; {suggestion(kind, known)}")
         require(len(kinds) > 0, "kinds", tuple(kinds), "one or two of them")
         require(len(onsets) > 0 and min(onsets) >= 1, "onsets", tuple(onsets), "numbers of samples from 1")
-        require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
+        require(
+            confirmations >= 1 and confirmations % 1 == 0, "confirmations", confirmations,
+            "a whole number of samples from 1",
+        )  # fmt: skip
         self.kinds = tuple(kinds)
         self.confirmations, self.lag = int(confirmations), int(lag)
         self._onsets: IntArray = np.array(onsets, np.int64)
