@@ -36,7 +36,7 @@ ALIGNMENTS = (
     ("force over mass", -0.5, 0.214),
     ("force over mass", -10.0, 0.924),
 )
-"""Units of the command, eigenvalue in rad/s, cosine that our specification has computed."""
+"""Units of the command, eigenvalue in rad/s, cosine that our draft has computed."""
 
 
 def impossible(effort: Effort) -> Finding:
@@ -50,10 +50,10 @@ def impossible(effort: Effort) -> Finding:
     errors = _ratio_errors(model, pairs)
     mixed = _independent_rows(model)
     alignment = []
-    for units, eigenvalue, specified in ALIGNMENTS:
+    for units, eigenvalue, drafted in ALIGNMENTS:
         mass = chaser.mass if units == "newtons" else 1.0
         found = decoupling(delay_model(chaser.mean_motion, DELAY, mass), (eigenvalue, -0.61, -0.71))
-        alignment.append((units, eigenvalue, float(found.alignment[0]), specified))
+        alignment.append((units, eigenvalue, float(found.alignment[0]), drafted))
     own = decoupling(model, EIGENVALUES)
     return Finding(
         ours=(
@@ -65,8 +65,8 @@ def impossible(effort: Effort) -> Finding:
             "no row of W C is a left eigenvector, whatever W and L, at 40 eigenvalues": mixed == 6,
             "the first condition, W C D = 0, holds for any W and decides nothing": own.weight_rank == 0,
             "fault and delay reach the residual through the same three channels": own.rank_of_both == 3,
-            "the cosines are those of our specification to 0.001": all(
-                abs(found - specified) < 1e-3 for _, _, found, specified in alignment
+            "the cosines are those of our draft to 0.001": all(
+                abs(found - drafted) < 1e-3 for _, _, found, drafted in alignment
             ),
             "the delay is rejected at rest and passed with a gain of 40 at most": bool(
                 source[1][0, 0] / source[0][0, 0] < 0.021 and (source[1] / source[0]).max() < 40.0
@@ -93,10 +93,10 @@ def impossible(effort: Effort) -> Finding:
         tables=(
             Table(
                 "How near the wanted left eigenvectors come to possible ones",
-                ("commands in", "eigenvalue, rad/s", "cosine", "our specification"),
+                ("commands in", "eigenvalue, rad/s", "cosine", "our draft"),
                 tuple(
-                    (units, f"{eigenvalue:.1f}", f"{found:.4f}", f"{specified:.3f}")
-                    for units, eigenvalue, found, specified in alignment
+                    (units, f"{eigenvalue:.1f}", f"{found:.4f}", f"{drafted:.3f}")
+                    for units, eigenvalue, found, drafted in alignment
                 ),
             ),
         ),

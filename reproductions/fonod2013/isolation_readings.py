@@ -48,13 +48,13 @@ PILOTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "bias 0.2, clipped, position loop 0.4 rad/s": ({"pilot": FAST}, {}),
 }
 """Settings of the flights, and of the test."""
-SPECIFIED = {
+DRAFT = {
     "minimum fuel": 20 / 40,
     "bias 0.2, clipped, no errors of mass and thrust": 27 / 40,
     "the same without errors, r(k) as printed": 32 / 40,
     "bias 0.2, clipped, position loop 0.4 rad/s": 40 / 40,
 }
-"""Shares named right in the plain simulation of our specification, 5 flights for each thruster."""
+"""Shares named right in our draft simulation, 5 flights for each thruster."""
 
 
 def readings(effort: Effort) -> Finding:
@@ -104,9 +104,9 @@ def readings(effort: Effort) -> Finding:
             "clipped bias pushes less than the position loop asks for, and both commands "
             "fall to zero alike; the earlier the alarm, the more of the window is from before that, and the "
             "higher the share (rows without errors, whose threshold is half as high). A fast loop pushes "
-            "enough. In the plain simulation of our specification, in which there are no such errors, "
+            "enough. In our draft simulation, in which there are no such errors, "
             "right were: "
-            + "; ".join(f"{name} {percentages([one])}" for name, one in SPECIFIED.items())
+            + "; ".join(f"{name} {percentages([one])}" for name, one in DRAFT.items())
             + ", of 40 flights each."
         ),
         data={

@@ -1,9 +1,9 @@
 """Thrusters stuck open under other noise, later navigation, other delays of the pulses and other idle rates.
 
-The source has one level of noise and withholds it. The same table stands in our specification, computed
-there with a plain simulation of 10 flights for each thruster and without errors of mass and thrust; it is
-quoted beside. Here the environment flies with all errors on, a hundred flights for each thruster, each row
-with a threshold of its own: 1.3 times the largest norm of healthy flights of validation seeds.
+The source has one level of noise and withholds it. The same table from our draft simulation, of 10 flights
+for each thruster and without errors of mass and thrust, is quoted beside. Here the environment flies with all
+errors on, a hundred flights for each thruster, each row with a threshold of its own: 1.3 times the largest
+norm of healthy flights of validation seeds.
 
 The environment's own pilot cannot idle otherwise. So the last rows are flown by its law from observations,
 without its filter of the position; the first of them shows that this alone changes nothing.
@@ -31,7 +31,7 @@ from reproductions.record import Effort, Finding, Reproduction, Table
 from thruster_baselines.control import ApproachSettings
 from thruster_envs.spacecraft import load
 
-SPECIFIED = {
+DRAFT = {
     "± 0.5 mm": "6.8 mm, 0.48 to 0.69 s",
     "± 1.0 mm": "13.6 mm, 0.66 to 0.83 s",
     "± 2.0 mm": "27.3 mm, 0.78 to 1.10 s",
@@ -41,7 +41,7 @@ SPECIFIED = {
     "from observations, idle rate 0.3": "13.6 mm, 0.68 to 0.90 s",
     "from observations, idle rate 0.02": "13.7 mm, 0.58 to 0.82 s",
 }
-"""Threshold and detection of the plain simulation of our specification."""
+"""Threshold and detection of our draft simulation."""
 
 
 def noise(effort: Effort) -> Finding:
@@ -77,9 +77,9 @@ def noise(effort: Effort) -> Finding:
         tables=(
             Table(
                 "Open faults, by the source's test",
-                ("what is changed", "threshold", *HEAD, "plain simulation: threshold, detection"),
+                ("what is changed", "threshold", *HEAD, "draft: threshold, detection"),
                 tuple(
-                    (name, f"{1e3 * limits[name]:.1f} mm", *one.cells, SPECIFIED.get(name, "-"))
+                    (name, f"{1e3 * limits[name]:.1f} mm", *one.cells, DRAFT.get(name, "-"))
                     for name, one in seen.items()
                 ),
             ),

@@ -75,7 +75,7 @@ def open_faults(effort: Effort) -> Finding:
         note=(
             f"{count} flights for each thruster, and {hours:.1f} h of healthy flight after settling. The "
             f"threshold is {1e3 * threshold:.1f} mm; without errors of mass, inertia, centre of mass and "
-            f"thrust it would be {1e3 * exact:.1f} mm (in the plain flights of our specification: 13.6 mm). "
+            f"thrust it would be {1e3 * exact:.1f} mm (in flights of our draft simulation: 13.6 mm). "
             "Eq. 33 is read with the residual of each sample of the window (printed: of the last one), N = "
             "10, N_c = 10, majority of the axes. The reported times differ from thruster to thruster more "
             "than ours; the layout behind them is withheld."

@@ -6,8 +6,8 @@ which is exact where the delay is nominal. Flights brake smoothly or stop at onc
 much early or late, so that all of the residual is due to the delay. Against that stand what a thruster stuck
 open does to the residual, and what the noise of the LIDAR does to it, in closed form.
 
-The same table stands in our specification, from one flight for each number of another simulation. Here each
-is over flights of test seeds with their own phases and errors of the pulses, without other errors.
+The same table from our draft simulation, one flight for each number, is quoted beside. Here each number is
+over flights of test seeds with their own phases and errors of the pulses, without other errors.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ COLOURS = {"pade": BLUE, "undelayed": ORANGE, "observer": GREEN}
 BOUNDS = (0.0, 0.03, 0.06, 0.1)  # s, of how early or late a pulse may be
 STOP, BRAKING = 60.0, 2e-3  # s, m/s^2
 MANOEUVRES: dict[str, Pilot] = {"smooth": stopping(STOP, BRAKING), "abrupt": stopping(STOP, np.inf)}
-OWN_FILTER = "abrupt, filter of our specification"
+OWN_FILTER = "abrupt, filter of our draft"
 FILTERING = stopping(STOP, np.inf, own_filter=True)
 BASE = "thrust lags by 20 ms, navigation by a sample"
 SMALL_STEP = "the same, integrated in steps of 5 ms"
@@ -53,8 +53,8 @@ SETTLED = 50.0  # s, from when on the residual counts
 MOMENTS = (0.5, 1.0)  # s after the onset
 HALF_WIDTH = 1e-3  # m, of the noise
 
-# What our specification has computed, mm: by manoeuvre, design and bound; fault at both moments; one sigma.
-SPECIFIED = {
+# What our draft has computed, mm: by manoeuvre, design and bound; fault at both moments; one sigma.
+DRAFT = {
     ("smooth", "pade"): (1.28, 1.88, 2.54, None),
     ("smooth", "undelayed"): (0.20, 0.21, 0.23, None),
     ("smooth", "observer"): (0.04, 0.07, 0.10, None),
@@ -62,8 +62,8 @@ SPECIFIED = {
     ("abrupt", "undelayed"): (3.5, 3.9, 5.4, 9.1),
     ("abrupt", "observer"): (1.3, 1.8, 3.8, 8.0),
 }
-SPECIFIED_FAULT = {"pade": (5.5, 34.7), "undelayed": (1.34, 4.94), "observer": (1.34, 4.92)}
-SPECIFIED_NOISE = {"pade": 2.2, "undelayed": 0.57, "observer": 0.57}
+DRAFT_FAULT = {"pade": (5.5, 34.7), "undelayed": (1.34, 4.94), "observer": (1.34, 4.92)}
+DRAFT_NOISE = {"pade": 2.2, "undelayed": 0.57, "observer": 0.57}
 
 
 def worth(effort: Effort) -> Finding:
@@ -91,7 +91,7 @@ def worth(effort: Effort) -> Finding:
     over_delay = {name: float(np.median(peaks["abrupt", name, 0.03])) / after_one[name] for name in DESIGNS}
     inside = [
         0.97 * found.min() <= one <= 1.03 * found.max()
-        for (manoeuvre, name), those in SPECIFIED.items()
+        for (manoeuvre, name), those in DRAFT.items()
         for bound, one in zip(BOUNDS, those, strict=True)
         if one is not None and bound > 0.0
         for found in [1e3 * peaks[manoeuvre, name, bound]]
@@ -117,10 +117,10 @@ def worth(effort: Effort) -> Finding:
             "the step of the integration moves no peak by more than 0.01 mm": all(
                 abs(causes[SMALL_STEP][name] - causes[BASE][name]) < 1e-5 for name in DESIGNS
             ),
-            "with its filter and a lag of 18 ms the stop is as specified without variation, to 3 %": all(
-                abs(1e3 * one / SPECIFIED["abrupt", name][0] - 1.0) < 0.03 for name, one in sooner.items()
+            "with its filter and a lag of 18 ms the stop is as in the draft without variation, to 3 %": all(
+                abs(1e3 * one / DRAFT["abrupt", name][0] - 1.0) < 0.03 for name, one in sooner.items()
             ),
-            "numbers of our specification under varying delays lie within our flights, to 3 %": all(inside),
+            "numbers of our draft under varying delays lie within our flights, to 3 %": all(inside),
         },
         beyond_source=True,
         note=(
@@ -129,12 +129,12 @@ def worth(effort: Effort) -> Finding:
             "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
             "here. It is no cure for the abrupt stop: by whichever design, "
             f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). "
-            "Numbers of our specification under varying delays are one draw each; ours differ from flight "
+            "Numbers of our draft under varying delays are one draw each; ours differ from flight "
             "to flight by phases and single errors, and theirs lie among them. Without variation nothing is "
             "random: there the abrupt stop is "
-            f"{100.0 * (1e3 * base / SPECIFIED['abrupt', 'pade'][0] - 1.0):.0f} % higher by Padé's states "
-            "than specified, and not for the step of the integration. Two things of the set-up explain it "
-            "(second table). The filter of our specification's pilot takes thrust to come as soon as it is "
+            f"{100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by Padé's states "
+            "than in the draft, and not for the step of the integration. Two things of the set-up explain it "
+            "(second table). The filter of the draft's pilot takes thrust to come as soon as it is "
             "asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
             f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
             f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
@@ -238,36 +238,34 @@ def _table(
     rows = []
     for manoeuvre in (*MANOEUVRES, OWN_FILTER):
         for number, bound in enumerate(BOUNDS):
-            specified = "abrupt" if manoeuvre == OWN_FILTER else manoeuvre
-            cells = [
-                _cell(peaks[manoeuvre, name, bound], SPECIFIED[specified, name][number]) for name in DESIGNS
-            ]
+            drafted = "abrupt" if manoeuvre == OWN_FILTER else manoeuvre
+            cells = [_cell(peaks[manoeuvre, name, bound], DRAFT[drafted, name][number]) for name in DESIGNS]
             rows.append((f"{manoeuvre}, pulses up to {bound:g} s early or late", *cells))
     for number, moment in enumerate(MOMENTS):
-        cells = [_cell(responses[name][:, number], SPECIFIED_FAULT[name][number]) for name in DESIGNS]
+        cells = [_cell(responses[name][:, number], DRAFT_FAULT[name][number]) for name in DESIGNS]
         rows.append((f"valve stuck open, {moment} s after, 0.03 s", *cells))
     rows.append(
         (
             "one sigma of an axis under ± 1 mm of noise",
-            *(_cell(np.array([sigma[name]]), SPECIFIED_NOISE[name]) for name in DESIGNS),
+            *(_cell(np.array([sigma[name]]), DRAFT_NOISE[name]) for name in DESIGNS),
         )
     )
     return Table(
-        "Residual, mm: median (least to most) over flights; our specification, deviation of the median",
+        "Residual, mm: median (least to most) over flights; our draft, deviation of the median",
         ("", *DESIGNS.values()),
         tuple(rows),
     )
 
 
-def _cell(values: FloatArray, specified: float | None) -> str:
+def _cell(values: FloatArray, drafted: float | None) -> str:
     mm = 1e3 * values
     middle = float(np.median(mm))
     text = f"{middle:.2f}"
     if mm.size > 1:
         text += f" ({mm.min():.2f} to {mm.max():.2f})"
-    if specified is None:
+    if drafted is None:
         return f"{text}; -"
-    return f"{text}; {specified:g}, {100.0 * (middle / specified - 1.0):+.0f} %"
+    return f"{text}; {drafted:g}, {100.0 * (middle / drafted - 1.0):+.0f} %"
 
 
 def _causes() -> dict[str, dict[str, float]]:
@@ -321,7 +319,7 @@ def _draw(
                 np.array(BOUNDS) + shift, middle, reach, fmt="o-", color=COLOURS[name], markersize=4.0,
                 capsize=2.0,
             )  # fmt: skip
-            known = [one for one in SPECIFIED[manoeuvre, name] if one is not None]
+            known = [one for one in DRAFT[manoeuvre, name] if one is not None]
             panel.plot(BOUNDS[: len(known)], known, "x", color=INK, markersize=5.0, zorder=3)
         panel.set_title(f"{manoeuvre} stop, no fault")
         panel.set_xlabel("pulses early or late by up to, s")
@@ -342,7 +340,7 @@ def _draw(
     handles, labels = axes[2].get_legend_handles_labels()
     (cross,) = axes[0].plot([], [], "x", color=INK)
     figure.legend(
-        [*handles[::3], cross], [*labels[::3], "our specification"], loc="outside lower center", ncols=4,
+        [*handles[::3], cross], [*labels[::3], "our draft"], loc="outside lower center", ncols=4,
         fontsize=8.5,
     )  # fmt: skip
     save(figure, path)
