@@ -127,3 +127,32 @@ def test_settings_that_cannot_be_are_refused():
     some = replace(CHASER, thrusters=CHASER.thrusters[:7])
     with pytest.raises(ValueError, match="is balanced by no others"):
         ChaserPilot(some, 900, probe=ProbeSettings())
+
+
+@pytest.mark.parametrize("spare", [True, False])
+def test_nothing_is_probed_where_the_target_is_near_nor_after_an_alarm_where_a_retreat_takes_its_time(spare):
+    chaser = replace(CHASER, spare_branch=spare)
+    envs = gym.make_vec(
+        "thruster_envs/MarsRendezvous-v0", num_envs=2, vectorization_mode="vector_entry_point",
+        inhibit=True, distance=5.0, spacecraft=chaser, faults=Fault(6, "loss", severity=0.6, onset=12.0),
+    )  # fmt: skip
+    observations, _ = envs.reset(seed=VALIDATION.start + 40)
+    pilot = ChaserPilot(
+        chaser, envs.unwrapped.worlds.task.steps, FusionDetector(chaser, 12.0, margin=6.0, vehicles=2),
+        vehicles=2, distance=5.0, probe=ProbeSettings(),
+    )  # fmt: skip
+    told, ahead, alarmed = [], [], []
+    for _ in range(500):
+        actions = pilot(observations)
+        told.append(0.5 * (actions[0, :8] + 1.0))
+        ahead.append(-pilot.controller.position(observations)[0, 1])
+        alarmed.append(np.isfinite(pilot.alarm_time[0]))
+        observations, _, _, _, _ = envs.step(actions)
+    envs.close()
+    wide, ahead, alarmed = np.max(told, axis=1) >= 0.6, np.array(ahead), np.array(alarmed)
+    assert wide[~alarmed].sum() >= 3
+    assert wide[alarmed].any() == spare
+    assert not wide[ahead < 0.5].any()
+    words = [one.what for one in pilot.log if one.vehicle == 0]
+    assert ("identified" in words) == spare
+    np.testing.assert_array_equal(pilot.named, 6)
