@@ -16,6 +16,7 @@ import numpy as np
 
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, panels, save
 from reproductions.fonod2013.recovery_flights import (
+    AT_ONCE,
     ENDS,
     KINDS_OF_FAULT,
     PILOTS,
@@ -51,6 +52,11 @@ def study(effort: Effort) -> Finding:
     healthy = {pilot: fly_healthy(pilot, quiet, thresholds) for pilot in WATCHERS}
     unprobed = [one for one in fly(UNPROBED, TEST[:count], thresholds) if is_struck(one)]
     quiet_unprobed = fly_healthy(UNPROBED, quiet, thresholds)
+    either = {
+        pilot: fly(pilot, TEST[:count], thresholds, either_branch=True)
+        for pilot in ("best stack", AT_ONCE, "unprotected")
+    }
+    first = {pilot: flights.get(pilot) or fly(pilot, TEST[:count], thresholds) for pilot in either}
     hours = {pilot: sum(one.duration for one in healthy[pilot]) / 3600.0 for pilot in WATCHERS}
     false = {
         pilot: sum(np.isfinite(one.alarm) for one in healthy[pilot])
@@ -101,7 +107,9 @@ def study(effort: Effort) -> Finding:
         f"{_seconds(max(one.name - one.onset for one in not_slow))} after the onset. It alarms from "
         f"{SETTLE:g} s after the start on (the source's method: 40 s). No pilot that goes over to branch B "
         "has to know which thruster failed: that forgives the source's method its wrong names, since its "
-        "test is right for valves that are too far open only; its alarm saves the flight. What is wrong "
+        "test is right for valves that are too far open only; its alarm saves the flight. Where "
+        "branch A alone can fail, nobody has to know anything: to fly on branch B from the start is as safe, "
+        "and is lost where that branch fails as often (last table). What is wrong "
         "with the thruster is said when it is clear, or two seconds after the name, and at once near the "
         "target or off the path; only then the best stack acts. A pulse is no longer than the period of "
         f"{PERIOD:g} s, and an opening later than that loses every pulse whatever is commanded: it is a "
@@ -144,6 +152,9 @@ def study(effort: Effort) -> Finding:
             "unseen": len(unseen),
             "right_kind": {kind: sum(map(_is_right, of_kind(said, kind))) for kind in KINDS_OF_FAULT},
             "price_of_probing": price,
+            "saved_where_either_branch_fails": {
+                pilot: sum(map(is_saved, those)) for pilot, those in either.items()
+            },
         },
         tables=(
             _by_pilot(struck, savable, false, hours),
@@ -154,6 +165,7 @@ def study(effort: Effort) -> Finding:
                 {"best stack": best, UNPROBED: unprobed},
                 {"best stack": healthy["best stack"], UNPROBED: quiet_unprobed},
             ),
+            _without_knowing(first, either),
         ),
         figure=partial(_draw, struck),
     )
@@ -218,7 +230,8 @@ def _by_kind(pilot: str, struck: dict[str, list[Flight]], thresholds: dict[str, 
         "fault", "flights", "detected", "right thruster", "wrong thruster", "median detection",
         "nine of ten within", "median isolation", "captured or retreated", "the same, unprotected",
     )  # fmt: skip
-    return Table(f"By kind of fault: {pilot} (threshold {thresholds[pilot]:.3g})", head, tuple(rows))
+    limit = f"{1e3 * thresholds[pilot]:.1f} mm" if pilot == "source's method" else f"{thresholds[pilot]:.1f}"
+    return Table(f"By kind of fault: {pilot} (threshold {limit})", head, tuple(rows))
 
 
 def _said(best: Sequence[Flight]) -> Table:
@@ -269,6 +282,18 @@ def _worth_of_probing(struck: dict[str, list[Flight]], healthy: dict[str, list[F
         "open time of a healthy flight, all thrusters",
     )  # fmt: skip
     return Table("What probing is worth, and what it costs", head, tuple(rows))
+
+
+def _without_knowing(first: dict[str, list[Flight]], either: dict[str, list[Flight]]) -> Table:
+    rows = tuple(
+        (pilot, *(share(sum(map(is_saved, those[pilot])), len(those[pilot])) for those in (first, either)))
+        for pilot in either
+    )
+    return Table(
+        "Captured or retreated, whoever knows: a thruster of branch A fails, or one of either branch",
+        ("pilot", "branch A fails", "either branch fails"),
+        rows,
+    )
 
 
 def _draw(struck: dict[str, list[Flight]], path: Path) -> None:

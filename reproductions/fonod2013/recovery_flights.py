@@ -8,10 +8,11 @@ flight takes 206 s. Pilots fly by the same law and, but for the last, recover by
 - the best stack diagnoses by the likelihood ratio of force and torque, probes its valves, and says what kind
   of fault it is when that is clear; `UNPROBED` is the same without probes, and says it with the name;
 - the source's method alarms by the norm of the residual and names the thruster by cross-correlation;
-- the unprotected one knows of nothing and recovers from nothing.
+- the unprotected one knows of nothing and recovers from nothing; `AT_ONCE` knows no more, and flies on branch
+  B from the start.
 
-How a flight ended is the environment's own judgement, by the true state. Left out: more than one fault,
-faults of branch B, a vehicle that is not MSR-A.
+How a flight ended is the environment's own judgement, by the true state. Left out: more than one fault, a
+vehicle that is not MSR-A.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
 __all__ = [
-    "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "UNPROBED", "Flight", "calibrate", "fly",
-    "fly_healthy", "is_saved", "is_struck", "of_kind", "share",
+    "AT_ONCE", "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "UNPROBED", "Flight", "calibrate",
+    "fly", "fly_healthy", "is_saved", "is_struck", "of_kind", "share",
 ]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
@@ -59,6 +60,7 @@ KINDS_OF_FAULT: dict[str, tuple[str, tuple[float, float]]] = {
 """Each with its name among the environment's faults and the range of its size: shares, s."""
 
 UNPROBED = "best stack, not probing"
+AT_ONCE = "branch B at once"
 MARGINS = {"best stack": 1.5, UNPROBED: 1.5, "source's method": 1.3}
 """Of thresholds over the largest statistic of healthy flights: of a squared length, and of a length."""
 
@@ -124,14 +126,29 @@ def fly_healthy(pilot: str, seeds: Sequence[int], thresholds: dict[str, float]) 
 
 
 def fly(
-    pilot: str, seeds: Sequence[int], thresholds: dict[str, float], *, spare_branch: bool = True
+    pilot: str,
+    seeds: Sequence[int],
+    thresholds: dict[str, float],
+    *,
+    spare_branch: bool = True,
+    either_branch: bool = False,
 ) -> list[Flight]:
-    """One flight per seed, with the kinds of fault in turn; in the order of the seeds."""
+    """One flight per seed, with the kinds of fault in turn; in the order of the seeds.
+
+    Args:
+        pilot: Who flies.
+        seeds: Of the episodes.
+        thresholds: By pilot.
+        spare_branch: Whether there is one.
+        either_branch: Whether a thruster of the spare branch is as likely to fail as another.
+    """
     flights: list[Flight] = []
     for number, kind in enumerate(KINDS_OF_FAULT):
         if len(seeds) > number:
             struck = seeds[number :: len(KINDS_OF_FAULT)]
-            flights += _batch(pilot, kind, struck, thresholds, spare_branch=spare_branch)
+            flights += _batch(
+                pilot, kind, struck, thresholds, spare_branch=spare_branch, either_branch=either_branch
+            )
     return sorted(flights, key=lambda one: one.seed)
 
 
@@ -176,15 +193,18 @@ def _batch(
     thresholds: dict[str, float],
     *,
     spare_branch: bool = True,
+    either_branch: bool = False,
 ) -> list[Flight]:
     count = len(seeds)
     spacecraft = replace(load("msr_chaser"), spare_branch=spare_branch)
     faults = None
     if kind != "healthy":
         name, severity = KINDS_OF_FAULT[kind]
+        both = tuple(range(1, 2 * spacecraft.number_of_thrusters + 1))
         faults = FaultDistribution(
-            probability=1.0, kinds=(name,), severity={name: severity}, onset=ONSET, onset_grid=0.1
-        )
+            probability=1.0, kinds=(name,), severity={name: severity}, onset=ONSET, onset_grid=0.1,
+            thrusters=both if either_branch else None,
+        )  # fmt: skip
     envs: Any = gym.make_vec(
         ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", spacecraft=spacecraft,
         inhibit=True, faults=faults,
@@ -211,8 +231,10 @@ def _batch(
                 protected.tell(
                     int(world), int(truth["thruster"][world]), failed, float(truth["severity"][world])
                 )
-        if pilot == "unprotected":
+        if pilot in ("unprotected", AT_ONCE):
             actions[:, : spacecraft.number_of_thrusters] = plain(observations)
+            if pilot == AT_ONCE:
+                actions[:, -1] = 1.0
         else:
             actions = protected(observations)
             untouched = ~over & ~protected.branch

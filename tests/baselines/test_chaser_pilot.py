@@ -89,6 +89,43 @@ def test_it_finds_out_by_itself(thruster, kind):
     assert 30.0 < log[0].time < 32.5
 
 
+def test_an_alarm_on_branch_b_ends_in_a_retreat():
+    failed = [Fault(1, "stuck_on", onset=ONSET), Fault(8 + 6, "stuck_on", onset=15.0)]
+    log, captured, safe = fly(failed, detector(30.0, 2.0), distance=20.0)
+    assert safe.all()
+    assert not captured.any()
+    assert [one.what for one in log] == ["alarm", "named", "inhibited", "branch B", "retreat"]
+    assert log[-1].reason == "an alarm on branch B"
+    assert 15.0 < log[-1].time < 20.0
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_a_second_episode_is_flown_as_if_it_were_the_first(delay):
+    env = gym.make(
+        MARS, inhibit=True, distance=6.0, navigation_delay=delay, faults=Fault(3, "stuck_on", onset=ONSET)
+    )
+    task = env.unwrapped.task
+
+    def pilot():
+        return ChaserPilot(CHASER, task.steps, detector(30.0, 2.0, 1), distance=6.0, navigation_delay=delay)
+
+    def episode(who, periods):
+        observation, _ = env.reset(seed=VALIDATION.start)
+        begun = len(who.log)
+        seen = [observation]
+        for _ in range(periods):
+            seen.append(env.step(who(seen[-1]))[0])
+        return np.array(seen), who.log[begun:]
+
+    fresh, log = episode(pilot(), 120)
+    used = pilot()
+    episode(used, 37)
+    again, later = episode(used, 120)
+    np.testing.assert_array_equal(again, fresh)
+    assert [str(one) for one in later] == [str(one) for one in log]
+    assert log
+
+
 def test_a_weak_thruster_still_gives_the_wrench_that_is_asked_for():
     pilot = ChaserPilot(CHASER, 900)
     pilot.tell(0, 4, "loss", 0.4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reproductions.fonod2013.recovery import _median
-from reproductions.fonod2013.recovery_flights import KINDS_OF_FAULT, ONSET, fly, fly_healthy
+from reproductions.fonod2013.recovery_flights import AT_ONCE, KINDS_OF_FAULT, ONSET, fly, fly_healthy
 from thruster_envs.seeds import VALIDATION
 
 THRESHOLDS = {"best stack": 16.0, "source's method": 0.0235}
@@ -39,6 +39,18 @@ def test_the_best_stack_names_the_thruster_after_its_alarm_and_captures(flights)
         assert one.named == one.thruster
         assert one.onset < one.alarm < one.name < one.duration
         assert one.end == "captured"
+
+
+def test_on_branch_b_from_the_start_only_its_own_faults_are_met():
+    seeds = VALIDATION[:21]
+    alone = fly(AT_ONCE, seeds[:7], THRESHOLDS)
+    assert all(one.end == "captured" for one in alone)
+    assert all(np.isinf(one.onset) for one in alone)
+    either = fly(AT_ONCE, seeds, THRESHOLDS, either_branch=True)
+    struck = [one for one in either if np.isfinite(one.onset)]
+    assert all(one.thruster > 8 for one in struck)
+    assert {one.end for one in either if one not in struck} == {"captured"}
+    assert any(one.end == "missed or lost" for one in struck)
 
 
 def test_nothing_is_found_where_nothing_fails():

@@ -95,7 +95,7 @@ class RecoverySettings:
     kept_share: float = 0.5
     doubt_time: float = 10.0
     near: float = 0.5
-    settling: float = 40.0
+    settling: float = 5.0
     retreat_speed: float = 0.4
     retreat_acceleration: float = 0.02
     gate: float = 0.15
@@ -235,7 +235,7 @@ class ChaserPilot:
         self._fresh: BoolArray = np.ones(count, np.bool_)  # whether the detector has only just begun
         self._due: dict[int, str] = {}  # who goes over to branch B in the next period, and why
         self._elapsed: FloatArray = np.zeros(count)
-        self._commands: deque[FloatArray] = deque(maxlen=navigation_delay)
+        self._commands: deque[FloatArray] = deque([np.zeros((count, n))] * navigation_delay, navigation_delay)
         self.reset()
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
@@ -247,6 +247,8 @@ class ChaserPilot:
         self.branch[mask] = self.retreating[mask] = False
         self._elapsed[mask], self._changed[mask] = 0.0, np.inf
         self._due = {vehicle: why for vehicle, why in self._due.items() if not mask[vehicle]}
+        for told in self._commands:
+            told[mask] = 0.0
         self._trust(mask)
 
     def tell(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
@@ -328,7 +330,7 @@ class ChaserPilot:
 
     def _see_through(self, rows: FloatArray) -> None:
         """Put right the velocities of observations, whose filter expects what nominal thrusters give."""
-        if len(self._commands) < self.controller.navigation_delay or not self._blamed.any():
+        if not self._blamed.any():
             return
         told, period = self._commands[0], self._period
         change = period * (self._belief.delivered(told) - told) @ self._push.T
@@ -359,14 +361,17 @@ class ChaserPilot:
         """Let the detector see the sample that has come, and recover where it names a thruster."""
         n, detector = self._n, self.detector
         self._commands.append(np.clip(rows[:, 16 : 16 + n], 0.0, 1.0))
-        if detector is None or len(self._commands) < self.controller.navigation_delay:
+        if detector is None:
             return
+        early = self._elapsed < self.controller.navigation_delay - 1  # what is seen is the start, again
         attitude, rate = self.controller.attitude(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh
         told = np.where(self._fresh[:, np.newaxis], 0.0, self._expected.delivered(self._commands[0]))
-        self._fresh[:] = False
+        self._fresh &= early
         diagnosis = detector.update(told, position, attitude, rate, valid=valid)
+        if early.any():
+            detector.reset(early)
         self.statistic = diagnosis.statistic
         time = self._period * self._elapsed
         law = self.recovery
