@@ -39,8 +39,6 @@ NO_ERRORS = dict.fromkeys(("mass_error", "inertia_error", "thrust_error", "centr
 Pilot: TypeAlias = Callable[[Spacecraft, int], Policy]
 """Makes who flies, for a spacecraft and the periods of an episode."""
 
-_OPEN_RATES = 16  # their first column in an observation
-
 
 def fly(
     seeds: Sequence[int],
@@ -94,7 +92,7 @@ def fly(
         if terminated.any():
             raise RuntimeError(f"a flight ended after {k} samples; {samples} would be right")
         if k < samples:
-            rates = np.clip(observations[:, _OPEN_RATES : _OPEN_RATES + n], 0.0, 1.0)
+            rates = reader.open_rates_told(observations)
             told[:, k] = np.where(rates < minimum, 0.0, rates)
     envs.close()
     return NavigationFlights(

@@ -127,8 +127,8 @@ def robustness(effort: Effort) -> Finding:
             "the likelihood ratio of force and torque. That of the force alone stands beside it, and names "
             f"somebody in {100.0 * named:.1f} % of flights: by it the excess of one thruster is the loss of "
             "the other at the opposite corner (Remark 4 of the source). A slow valve delivers later what it "
-            "is told and in the mean as "
-            "much; an opening late by 0.05 s swallows the pulses of an idle thruster whole."
+            "is told and in the mean as much, and nobody probes here, which would show it (mars-recovery); "
+            "an opening late by 0.05 s swallows the pulses of an idle thruster whole."
         ),
         data={
             "hours": hours,

@@ -16,35 +16,23 @@ import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, panels, save
 from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, NO_ERRORS, fly
+from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
 from reproductions.record import Effort, Finding, Reproduction, Table
-from thruster_baselines.detection.residuals import (
-    CorrelationDetector,
-    NormThreshold,
-    Watched,
-    margin_threshold,
-    watch,
-)
+from thruster_baselines.detection.residuals import CorrelationDetector, Watched, watch
 from thruster_baselines.statistics import clopper_pearson
-from thruster_envs.seeds import TEST, VALIDATION
+from thruster_envs.seeds import TEST
 
 REPORTED_DETECTION = (1.1, 0.7, 0.5, 0.4, 0.4, 0.5, 0.7, 1.1)  # s, L330-332
 REPORTED_ISOLATION = (2.8, 1.8, 2.1, 2.1, 1.3, 4.0, 2.1, 2.1)
 LATEST_DETECTION, LATEST_ISOLATION, CONFIRMED = 1.2, 4.0, 0.9  # s
-VEHICLE = "msr_chaser"
 
 
 def open_faults(effort: Effort) -> Finding:
     """`MSR-01-08`."""
     count = effort.flights
-    calibration = fly(VALIDATION[:count])
-    norms = watch(NormThreshold(VEHICLE, np.inf, vehicles=count), calibration).statistic
-    threshold = margin_threshold(norms)
-    norms = watch(
-        NormThreshold(VEHICLE, np.inf, vehicles=count), fly(VALIDATION[:count], **NO_ERRORS)
-    ).statistic
-    exact = margin_threshold(norms)
+    threshold, exact = calibrated(effort), calibrated(effort, **NO_ERRORS)
     detector = CorrelationDetector(VEHICLE, threshold, vehicles=count)
-    seen = [watch(detector, fly(TEST[count * i : count * (i + 1)], i + 1, "stuck_on", 1.0)) for i in range(8)]
+    seen = [watch(detector, flights) for flights in struck(effort)]
     quiet = watch(detector, fly(TEST[8 * count : 9 * count]))
     right = [int((one.thruster == i + 1).sum()) for i, one in enumerate(seen)]
     detection = np.array([one.detection for one in seen])

@@ -188,12 +188,14 @@ class NavigationDetector(Protocol):
     settled; the thruster is 0 until it is sure of one, and stays then.
 
     Attributes:
-        threshold: What the statistic has to exceed for an alarm.
+        threshold: What the statistic is held against; there is an alarm where it is above.
+        effectiveness: (vehicles, 6, n), believed, m/s^2 then rad/s^2.
         detected: (vehicles,), whether there has been an alarm.
         thruster: (vehicles,), the named one, from 1; 0 as long as there is none.
     """
 
     threshold: float
+    effectiveness: FloatArray
     detected: BoolArray
     thruster: IntArray
 

@@ -205,3 +205,5 @@ def test_who_cannot_feed_a_detector_is_told_so():
         single(navigation_delay=0)
     with pytest.raises(ValueError, match="the detector watches 3 vehicles; 1 would be right"):
         single(correlation(3))
+    with pytest.raises(ValueError, match="the detector is for 12 thrusters; 8 would be right"):
+        single(CorrelationDetector("orion", 1.0, design="undelayed"))

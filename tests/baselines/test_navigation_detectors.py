@@ -235,7 +235,7 @@ def test_signatures_from_several_onsets_tell_the_kind_too(opened, closed, weak):
 
 FUSION_CASES = [
     ("stuck_on", 1.0, ("stuck_on",), 0.01),
-    ("stuck_off", 0.0, ("stuck_off",), 1.0),
+    ("stuck_off", 0.0, ("stuck_off",), 0.0),
     ("stuck_on", 0.4, ("stuck_on", "leak"), 0.06),
     ("loss", 0.5, ("loss",), 0.1),
     ("leak", 0.3, ("leak", "stuck_on"), 0.06),

@@ -558,7 +558,7 @@ def test_where_thrusters_do_not_cancel_the_pilot_leaves_them_shut_unless_they_he
     ("arguments", "message"),
     [
         ({"spacecraft": "orion"}, "'orion' has no modulator; a spacecraft with one"),
-        ({"distance": 1.0}, "distance is 1.0; 2 to 1000 m would be right"),
+        ({"distance": 1.0}, "distance is 1.0; 2.5 to 1000 m would be right"),
         ({"mass_error": 0.7}, "mass_error is 0.7; a share from 0 to 0.5 would be right"),
         ({"navigation_delay": -1}, "navigation_delay is -1; a whole number from 0 to 10"),
         ({"rate_limit": math.inf}, "rate_limit is inf; a finite number above 0"),

@@ -109,3 +109,13 @@ def test_a_saved_batch_goes_on_as_it_would_have(identifier):
         for a, b in zip(one[:4], two[:4], strict=True):
             assert np.array_equal(a, b)
         assert equal(dict(entries(one[4])), dict(entries(two[4])))
+
+
+def test_a_state_of_other_worlds_is_refused():
+    identifier = "thruster_envs/MarsRendezvous-v0"
+    saved = gym.make_vec(identifier, num_envs=3).unwrapped.save_state()
+    with pytest.raises(ValueError, match=r"the saved .* has the shape .*; .* would be right"):
+        gym.make_vec(identifier, num_envs=2).unwrapped.restore_state(saved)
+    del saved["seeded"]
+    with pytest.raises(ValueError, match=r"the saved seeded has the shape None; \(\) would be right"):
+        gym.make_vec(identifier, num_envs=3).unwrapped.restore_state(saved)

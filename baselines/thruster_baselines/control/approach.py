@@ -25,7 +25,7 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["ApproachController", "ApproachSettings"]
 
 _NEAR, _VELOCITY, _ANGLE, _RATE, _BOUND = 1.0, 0.1, 0.1, 0.02, 5.0  # what 1 stands for; where it is clipped
-_TIME = 15  # time to go
+_TIME, _TOLD = 15, 16  # time to go; the last open rates
 #: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
 AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 #: Turns an attitude against that of the approach (rows, 4) into one from LVLH.
@@ -154,6 +154,11 @@ class ApproachController:
         w, x, y, z = q.T
         normal = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
         return q, _RATE * rows[:, 12:15] + self.spacecraft.mean_motion * normal
+
+    def open_rates_told(self, rows: FloatArray) -> FloatArray:
+        """(rows, n) commanded for the last period, 0 to 1, of observations (rows, m)."""
+        n = self.spacecraft.number_of_thrusters
+        return np.asarray(np.clip(rows[:, _TOLD : _TOLD + n], 0.0, 1.0))
 
     def elapsed(self, rows: FloatArray) -> FloatArray:
         """(rows,) control periods since the start of the episode, of observations (rows, m)."""

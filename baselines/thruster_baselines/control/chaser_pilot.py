@@ -359,8 +359,8 @@ class ChaserPilot:
 
     def _diagnose(self, rows: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
         """Let the detector see the sample that has come, and recover where it names a thruster."""
-        n, detector = self._n, self.detector
-        self._commands.append(np.clip(rows[:, 16 : 16 + n], 0.0, 1.0))
+        detector = self.detector
+        self._commands.append(self.controller.open_rates_told(rows))
         if detector is None:
             return
         early = self._elapsed < self.controller.navigation_delay - 1  # what is seen is the start, again

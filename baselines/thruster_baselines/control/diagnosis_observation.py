@@ -26,7 +26,6 @@ from thruster_envs.protocols import BoolArray, FloatArray, NavigationDetector, R
 __all__ = ["DiagnosisObservation", "VectorDiagnosisObservation"]
 
 _BOUND = 5.0
-_RATES = 16  # first of the last open rates
 _AFTER = 28  # entries of an observation beside them and before the isolation valves
 _MEMORY = "detector/"
 """What the names of a detector's memory begin with in a saved state."""
@@ -54,6 +53,11 @@ class _Watch:
                 f"the detector watches {np.size(detector.detected)} vehicles; {count} would be right"
             )
         vehicle = task.vehicle
+        known = np.shape(detector.effectiveness)[-1]
+        if known != vehicle.number_of_thrusters:
+            raise ValueError(
+                f"the detector is for {known} thrusters; {vehicle.number_of_thrusters} would be right"
+            )
         self.n, self.delay, self.detector = vehicle.number_of_thrusters, task.navigation_delay, detector
         self.reader = ApproachController(vehicle, task.steps, distance=task.distance)
         self.valves, self.spare = bool(task.inhibit), bool(task.inhibit and vehicle.spare_branch)
@@ -85,7 +89,7 @@ class _Watch:
                 "control periods went by unseen by the detector; HoldAction around the wrapper with the "
                 "detector would be right"
             )
-        rates = np.clip(rows[:, _RATES : _RATES + n], 0.0, 1.0)
+        rates = self.reader.open_rates_told(rows)
         shut = rates < self.minimum
         if self.valves:
             shut |= rows[:, _AFTER + n : _AFTER + 2 * n] > 0.0

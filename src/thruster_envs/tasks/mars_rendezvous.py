@@ -178,8 +178,8 @@ class MarsRendezvous(Task):
             raise ValueError(
                 f"centre_of_mass_error is {self.centre_of_mass_error!r}; 0 m or more would be right"
             )
-        if not 2.0 <= self.distance <= 1000.0:
-            raise ValueError(f"distance is {self.distance!r}; 2 to 1000 m would be right")
+        if not 2.5 <= self.distance <= 1000.0:  # nearer, a retreat would end beyond what is observed
+            raise ValueError(f"distance is {self.distance!r}; 2.5 to 1000 m would be right")
         if self.vehicle.modulator is None:
             raise ValueError(
                 f"{self.vehicle.name!r} has no modulator; a spacecraft with one, such as 'msr_chaser', "

@@ -200,7 +200,15 @@ class Worlds:
         return self.state.save() | own | told | {"seeded": np.array(self.seeded)}
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
-        """Go back to what :meth:`save` gave."""
+        """Go back to what :meth:`save` gave.
+
+        Raises:
+            ValueError: What was saved is of other worlds: something is missing, or has another shape.
+        """
+        for name, own in self.save().items():
+            given = np.shape(saved[name]) if name in saved else None
+            if given != own.shape:
+                raise ValueError(f"the saved {name} has the shape {given}; {own.shape} would be right")
         self.state.restore(dict(saved))
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]

@@ -52,7 +52,7 @@ class BaseNavigationDetector(ABC):
 
     Args:
         spacecraft: Description, name or path: of its effectiveness, control period and mean motion.
-        threshold: What the statistic has to exceed for an alarm.
+        threshold: What the statistic is held against.
         settle: How long after the first sample there are no alarms, s.
         vehicles: How many are watched.
 

@@ -136,7 +136,7 @@ class MarsRendezvousEnv(TaskEnv):
     - `fault_slots`: faults that the chaser can have in an episode, 4 by default.
     - `nonlinear`: whether to fly by the full two-body relative equations (the default) or by Hill's.
     - `max_substep`: longest integration sub-step, s; None for the control period.
-    - `distance`: behind the target at the start, m; 2 to 1000.
+    - `distance`: behind the target at the start, m; 2.5 to 1000.
     - `inhibit`: whether isolation valves, and the spare branch where there is one, are part of the action.
     - `navigation_delay`: age of what is observed, in control periods; 1 by default.
     - `disturbances`: whether differential gravity, drag and sunlight act.
