@@ -107,7 +107,7 @@ class RecoverySettings:
     reviews: tuple[float, ...] = (2.0, 5.0)
     slowest: float = 1.0
     second_fault: float = 0.1
-    swing: float = 40.0
+    swing: float = 8.0
     commitment: float = 2.6
     mouth: float = 0.25
     widening: float = 0.176
