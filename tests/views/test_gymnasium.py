@@ -201,7 +201,7 @@ def test_how_many_craft_are_commanded_is_not_to_be_chosen_where_there_is_one_age
         ({"fault_slots": 0}, "fault_slots is 0; a whole number from 1 to 64"),
         ({"max_substep": 0.0}, "max_substep is 0.0 s"),
         ({"spacecraft": "orio"}, "orion"),
-        ({"faults": [{"thruster": 13, "severity": 0.1}]}, "thruster 13; a number from 1 to "),
+        ({"faults": [{"thruster": 17, "severity": 0.1}]}, "thruster 17; a number from 1 to "),
         ({"faults": [{"thruster": 1, "kind": "leek"}]}, "leak"),
         ({"faults": {"probability": 1.0, "count": (5, 5)}}, "at most 4 faults"),
         ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
