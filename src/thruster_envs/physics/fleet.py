@@ -285,14 +285,9 @@ class Fleet:
 
         After its onset and before its end, on a thruster of the branch in use.
         """
-        kind, onset, end = (
-            self.faults[..., field]
-            .reshape(-1, self.slots)[: self.worlds * self.craft]
-            .reshape(self.worlds, self.craft, self.slots)
-            for field in (code.FIELD_KIND, code.FIELD_ONSET, code.FIELD_END)
-        )
-        now = np.asarray(time)[:, np.newaxis, np.newaxis]
-        return np.asarray((kind > 0.0) & (onset <= now) & (now < end))
+        strikes = np.zeros((self.worlds, self.craft, self.slots), np.bool_)
+        _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
+        return strikes
 
     def pulse_delays(self) -> FloatArray:
         """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
@@ -455,6 +450,20 @@ def _begin(
                     faults[b, w, slot, at.FAULT_TILTED + column] = (
                         np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
                     )
+
+
+@njit(error_model="numpy", cache=True)
+def _struck(faults, time, strikes):
+    lanes, craft = faults.shape[1], strikes.shape[1]
+    for world in range(strikes.shape[0]):
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            for slot in range(strikes.shape[2]):
+                fault = faults[b, w, slot]
+                strikes[world, c, slot] = (
+                    fault[code.FIELD_KIND] > 0.0
+                    and fault[code.FIELD_ONSET] <= time[world] < fault[code.FIELD_END]
+                )
 
 
 @njit(error_model="numpy", cache=True)
