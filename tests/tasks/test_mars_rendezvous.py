@@ -371,6 +371,23 @@ def test_where_there_is_no_spare_branch_its_thrusters_cannot_fail():
         Worlds(MarsRendezvous(faults=FaultDistribution(thrusters=(17,))), 1)
 
 
+def test_info_has_the_true_state_and_the_onset():
+    env = gym.make(
+        "thruster_envs/MarsRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 4.25}]
+    )
+    _, info = env.reset(seed=0)
+    assert info["fault"]["onset"].tolist() == [4.25, 0.0, 0.0, 0.0]
+    for _ in range(5):
+        info = env.step(np.zeros(8, np.float32))[-1]
+    state, worlds = info["approach"]["state"], env.unwrapped.worlds
+    assert state.shape == (13,)
+    np.testing.assert_array_equal(state[:3], worlds.fleet.read(at.POSITION, 3)[0, 0])
+    np.testing.assert_array_equal(state[6:10], worlds.fleet.read(at.ATTITUDE, 4)[0, 0])
+    assert np.linalg.norm(state[6:10]) == pytest.approx(1.0)
+    # What navigation says of the moment before is true to its errors: a millimetre.
+    assert np.abs(state[:3] - worlds.state.sights[0, -1, :3]).max() < 1e-3 + 1e-9
+
+
 def test_info_has_the_true_delay_of_each_pulse():
     late = Fault(2, "late_opening", severity=0.03, onset=0.95)
     env = gym.make("thruster_envs/MarsRendezvous-v0", faults=late)

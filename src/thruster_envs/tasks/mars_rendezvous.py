@@ -315,7 +315,7 @@ class MarsRendezvous(Task):
         )
 
     def report(self, state: ApproachState) -> dict[str, dict[str, NDArray[Any]]]:
-        """How the approach ended, whether without danger to the target, its branch, and true delays."""
+        """How the approach ended, whether without danger to the target, its branch, what truly is."""
         end = state.account[:, _END : _END + 1]
         return {
             "approach": {
@@ -323,6 +323,7 @@ class MarsRendezvous(Task):
                 "safe": end < _MISSED,
                 "branch": state.branch[:, np.newaxis].copy(),
                 "delay": state.fleet.pulse_delays(),
+                "state": state.fleet.read(at.POSITION, 13),
             }
         }
 

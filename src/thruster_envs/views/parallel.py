@@ -217,7 +217,7 @@ class FormationParallelEnv(TaskParallelEnv):
     - `cost`: 1 - distance / 10 m to the nearest other craft, where that is above 0: the danger of a
       collision.
     - `fault`: arrays over the fault slots of the craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of open valve of the craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
@@ -330,7 +330,7 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
     - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
     - `score`: half for the share of the turn that is done, half for the share of the six requirements met
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is

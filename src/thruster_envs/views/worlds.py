@@ -169,7 +169,7 @@ class Worlds:
 
         ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a spare branch after the
         others; 0 is an empty slot), ``kind`` (code, in the order of ``thruster_envs.faults.KINDS`` from 1),
-        ``severity``, ``active``. What a task has to report beyond that comes last.
+        ``severity``, ``onset`` (s), ``active``. What a task has to report beyond that comes last.
         """
         truth, told = self.task.truth(self.state), self._told
         if step is None:
@@ -183,6 +183,7 @@ class Worlds:
                 "thruster": told.thruster.copy(),
                 "kind": told.kind.copy(),
                 "severity": told.severity.copy(),
+                "onset": told.onset.copy(),
                 "active": self.fleet.struck(self.steps * self.task.vehicle.control_period)[
                     :, self._commanded
                 ],
@@ -225,6 +226,7 @@ class Worlds:
             np.where(kind != code.EMPTY, thruster + spare, 0),
             np.abs(kind),
             rows[..., code.FIELD_SEVERITY].copy(),
+            rows[..., code.FIELD_ONSET].copy(),
         )
 
 
@@ -234,6 +236,7 @@ class _Told(NamedTuple):
     thruster: NDArray[np.int64]
     kind: NDArray[np.int64]
     severity: FloatArray
+    onset: FloatArray
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:

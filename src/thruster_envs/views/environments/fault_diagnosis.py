@@ -100,7 +100,7 @@ class FaultDiagnosisEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0, the agent has no part in the flight.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of open valve since the reset, all of them the pilot's.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.

@@ -90,7 +90,7 @@ class FormationAttitudeEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
     - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
     - `score`: half for the share of the turn that is done, half for the share of the six requirements met
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is

@@ -79,7 +79,7 @@ class FormationKeepingEnv(TaskEnv):
     - `cost`: 1 - distance / 10 m to the nearest other craft, where that is above 0: the danger of a
       collision.
     - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of open valve of the own craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.

@@ -108,8 +108,8 @@ class MarsRendezvousEnv(TaskEnv):
     - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside,
       and farther from the target than `distance`.
     - `fault`: arrays over the fault slots: `thruster` (from 1, 9 to 16 on the spare branch; 0 is an empty
-      slot), `kind` (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `active` (on the branch
-      that is in use).
+      slot), `kind` (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active` (on
+      the branch that is in use).
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: at capture 0.5, and 0.5 more for at most the thruster-seconds of an open rate of 0.1 in all
       thrusters for the nominal time, in inverse proportion for more; 0.25 for a retreat; 0 if missed or lost;
@@ -117,7 +117,8 @@ class MarsRendezvousEnv(TaskEnv):
     - `success`: whether the target is captured.
     - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
       `delay`: from the last command to the opening of its pulse, s, for each thruster, as it truly is, told
-      to open or not; 0 at the reset.
+      to open or not; 0 at the reset; `state` (13): true position (m) and velocity (m/s) in LVLH axes,
+      attitude from LVLH to the body (scalar first), inertial rate in body axes (rad/s).
 
     ## Arguments
 

@@ -83,7 +83,7 @@ class OrionRendezvousEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.1 rad/s; 0 below.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: in the terminal box 0.5, and up to 0.5 more for economy; outside it up to 0.5 for distance
       gained; 0 out of bounds.

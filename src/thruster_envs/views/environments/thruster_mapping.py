@@ -86,7 +86,7 @@ class ThrusterMappingEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0, there is nothing to violate.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `active`.
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: one minus the objective over that of doing nothing, summed over the episode so far, in 0..1.
     - `success`: whether the score is at least 0.9.
