@@ -15,8 +15,9 @@ from thruster_baselines.detection.residuals.design import (
     relative_motion,
 )
 from thruster_baselines.detection.residuals.flights import NavigationFlights, Watched, watch
-from thruster_baselines.detection.residuals.fusion import FUSION_KINDS, FusionDetector
+from thruster_baselines.detection.residuals.fusion import FusionDetector
 from thruster_baselines.detection.residuals.generator import ResidualGenerator
+from thruster_baselines.detection.residuals.kinds import FUSION_KINDS
 from thruster_baselines.detection.residuals.norm_threshold import (
     NormThreshold,
     margin_threshold,

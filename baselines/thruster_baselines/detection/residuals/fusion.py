@@ -45,7 +45,6 @@ that turn a thrust, thrust lost to a shared feed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -60,6 +59,7 @@ from thruster_baselines.detection.residuals.base import (
     nominal_delay,
     take_attitude,
 )
+from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, compare_kinds
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
@@ -67,15 +67,7 @@ from thruster_envs.physics.attitude import rotate, rotate_back
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["FUSION_KINDS", "FusionDetector"]
-
-FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
-"""What `FusionDetector.identify` tells apart, named as in `thruster_envs.faults`.
-
-A late opening is one of two: the beginning of each pulse is lost, or all of it comes later.
-"""
-
-_NONE, _STUCK_OFF, _STUCK_ON, _LOSS, _LEAK, _LATE, _SLUGGISH = range(7)
+__all__ = ["FusionDetector"]
 
 _SCALES = (4, 12, 36)
 """Samples after which sums begin anew."""
@@ -98,43 +90,14 @@ _KEPT = 112
 _AFTER = 60
 """Samples that are kept after an alarm."""
 
-_CLOSE_BY = 14
-"""Onsets before the alarm that identification tries one by one; earlier ones are a seventh of their distance
-from it apart."""
-
 _AGAIN = 5
 """Samples after which whole courses are compared again, if none was far enough ahead."""
 
 _LATEST = 12
 """Largest lag of the thrust behind its command, periods."""
 
-_LEVELS = tuple(0.05 * k for k in range(1, 20))
-"""Openings of a leak that identification tries."""
-
-_LOST_TIMES = (
-    0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7,
-    0.75, 0.8, 0.85, 0.9, 0.95,
-)  # fmt: skip
-"""Lost beginnings of a pulse that identification tries, in periods."""
-
-_DELAYS = (1.0, 2.0, 3.0, 5.0, 8.0)
-"""Further delays that identification tries, in periods."""
-
-_TIME_CONSTANTS = (1.2, 1.6, 2.2, 3.0, 4.0, 5.5, 7.5, 10.0)
-"""Time constants of a slow valve that identification tries, in periods; it may be open as it becomes slow."""
-
 _PERSISTENCE = 10.0
 """How many samples the error of a wrong velocity counts for, since it is the same in all of them."""
-
-_NEARLY = 0.04
-"""A share this near to 0 or 1 is taken for it."""
-
-_FIRST_PERIOD = 0.2
-"""By what identification does not know the impulse of a fault's first period, in periods of full thrust: when
-it began, and the lag of the thrust."""
-
-_THRUST_ERROR = 0.02
-"""By what share it does not know the effect of a thruster, that is its thrust, mass and inertia."""
 
 _LEAD = 0.06
 """By what share of its own likelihood a thruster that is named has to be ahead: models are off by as much."""
@@ -261,7 +224,7 @@ class FusionDetector(BaseNavigationDetector):
                 f"thruster is {named.tolist()}; {self._vehicles} numbers from 0 to {self._n} would be right"
             )
         statistic, severity = self._compare(np.arange(self._vehicles), named)
-        best = np.where(named > 0, statistic.argmax(axis=1), _NONE)
+        best = np.where(named > 0, statistic.argmax(axis=1), NONE)
         size = severity[np.arange(self._vehicles), best]
         return Identification(tuple(FUSION_KINDS[one] for one in best), size, statistic)
 
@@ -271,9 +234,8 @@ class FusionDetector(BaseNavigationDetector):
         alarms: IntArray = self._newest.copy()
         alarms[self.detected] = np.round(self.detection_time[self.detected] / self._period)
         work = partial(
-            _identify, self._rates, self._seen, self._newest, alarms, self.effectiveness, vehicles, thrusters,
-            self.lag, self._period, self._begun, self._gains, _grid(_LEVELS), _grid(_LOST_TIMES),
-            _grid(_DELAYS), _grid(_TIME_CONSTANTS), statistic, severity,
+            compare_kinds, self._rates, self._seen, self._newest, alarms, self.effectiveness, vehicles,
+            thrusters, self.lag, self._period, self._begun, self._gains, *GRIDS, statistic, severity,
         )  # fmt: skip
         in_threads(work, vehicles.size)
         return statistic, severity
@@ -317,10 +279,6 @@ class FusionDetector(BaseNavigationDetector):
         self.thruster[vehicles] = np.where(sure, best.argmax(axis=1) + 1, 0)
         self.isolation_time[vehicles[sure]] = self._period * (self.samples[vehicles[sure]] - 1)
         self._ahead[vehicles, 1] = -_AGAIN
-
-
-def _grid(values: Sequence[float]) -> FloatArray:
-    return np.array(values, dtype=np.float64)
 
 
 def _gains_by_age(period: float, position: float, force: float, rate: float, torque: float) -> FloatArray:
@@ -576,177 +534,3 @@ def _foremost(suspicion):  # type: ignore[no-untyped-def]
         elif found > second:
             second = found
     return best, second, who
-
-
-@njit(error_model="numpy", cache=True, nogil=True)
-def _identify(  # type: ignore[no-untyped-def]
-    rates, seen, last_kept, alarms, effectiveness, vehicles, named, lag, period, begun, gains, levels,
-    lost_times, delays, constants, statistic, severity, first, last,
-):  # fmt: skip
-    kept = rates.shape[0]
-    rows = 3 + levels.size + lost_times.size + delays.size + 2 * constants.size
-    closing = rows - constants.size  # of a slow valve that was open
-    signature, course = np.empty((rows, 3)), np.empty(rows)
-    products, squares, kicks = np.empty(rows), np.empty(rows), np.empty(rows)
-    turned, overlap, slow = np.empty(constants.size), np.empty(constants.size), np.empty(constants.size)
-    fades, rises = np.exp(-1.0 / constants), np.empty((kept, constants.size))
-    for at_row in range(first, last):
-        v, i = vehicles[at_row], named[at_row] - 1
-        if i < 0:
-            continue
-        newest, begin = last_kept[v], max(begun[v], 0)
-        oldest = max(newest - kept + lag + 12, begin)
-        column = effectiveness[v, :, i]
-        square = column[0] ** 2 + column[1] ** 2 + column[2] ** 2
-        for at in range(oldest + 1, newest + 1):
-            for k in range(constants.size):
-                told = rates[(at - 1 - lag) % kept, v, i] if at > lag else 0.0
-                rises[at % kept, k] = (math.exp(told / constants[k]) - 1.0) * fades[k]
-        alarm = min(alarms[v], newest)
-        onset = alarm - 1  # the first period with the fault ends with the sample after it
-        while onset >= oldest:
-            signature[:] = 0.0
-            products[:] = 0.0
-            squares[:] = 0.0
-            kicks[:] = 0.0
-            overlap[:] = 0.0
-            slow[:] = 0.0
-            both = 0.0
-            for at in range(onset + 1, newest + 1):
-                told = rates[(at - 1 - lag) % kept, v, i] if at > lag else 0.0
-                course[0] = 1.0 if at == onset + 1 else 0.0
-                course[1], course[2] = 1.0, told
-                row = 3
-                for k in range(levels.size):
-                    course[row] = max(levels[k] - told, 0.0)
-                    row += 1
-                for k in range(lost_times.size):
-                    course[row] = -min(told, lost_times[k])
-                    row += 1
-                for k in range(delays.size):
-                    shift = int(delays[k])
-                    came = at - 1 - shift >= onset and at > lag + shift
-                    course[row] = (rates[(at - 1 - lag - shift) % kept, v, i] if came else 0.0) - told
-                    row += 1
-                for k in range(constants.size):
-                    after = fades[k] * slow[k] + rises[at % kept, k]
-                    course[row] = constants[k] * (slow[k] - after)
-                    slow[k] = after
-                    left = math.exp(-(at - onset - 1) / constants[k])
-                    course[closing + k] = constants[k] * left * (1.0 - fades[k])
-                    row += 1
-                e = seen[at % kept, v]
-                along = (column[0] * e[0] + column[1] * e[1] + column[2] * e[2]) * e[9]
-                size = square * e[9]
-                turn, turn_size = 0.0, 0.0
-                for k in range(3):
-                    turn += column[3 + k] * e[3 + k] * e[6 + k]
-                    turn_size += column[3 + k] * column[3 + k] * e[6 + k]
-                gain = gains[min(at - begin - 1, gains.shape[0] - 1)]
-                still, slower = (1.0 - gain[0], gain[1]) if e[9] > 0.0 else (1.0, 0.0)
-                turning = 1.0 - gain[2] if e[6] > 0.0 else 1.0
-                for row in range(rows):
-                    s = signature[row]
-                    p = s[0] + period * s[1] + 0.5 * period * period * course[row]
-                    w = s[2] + period * course[row]
-                    s[0], s[1], s[2] = still * p, s[1] + period * course[row] - slower * p, turning * w
-                    products[row] += p * along + w * turn
-                    squares[row] += p * p * size + w * w * turn_size
-                    if row == 0:
-                        p_kick, w_kick = p * size, w * turn_size
-                    kicks[row] += p * p_kick + w * w_kick
-                    if row == 1:
-                        p_one, w_one = p * size, w * turn_size
-                    elif row == 2:
-                        both += p * p_one + w * w_one
-                    course[row] = p
-                    if row >= closing:
-                        q = row - closing
-                        overlap[q] += p * course[row - constants.size] * size + w * turned[q] * turn_size
-                    elif row >= closing - constants.size:
-                        turned[row - closing + constants.size] = w
-            # whatever the fault did in its first period is left out of what tells kinds apart
-            known = 1.0 / (squares[0] + 1.0 / _FIRST_PERIOD**2)
-            for row in range(1, rows):
-                products[row] -= kicks[row] * products[0] * known
-                squares[row] -= kicks[row] * kicks[row] * known
-            both -= kicks[1] * kicks[2] * known
-            for k in range(constants.size):
-                overlap[k] -= kicks[closing + k] * kicks[closing - constants.size + k] * known
-            found = products[0] ** 2 * known
-            price = math.log(6.0 * (newest - onset))
-            _weigh(
-                statistic[at_row], severity[at_row], found, price, period, products, squares, both, overlap,
-                levels, lost_times, delays, constants,
-            )  # fmt: skip
-            back = alarm - onset
-            onset -= 1 if back < _CLOSE_BY else back // 7
-
-
-@njit(error_model="numpy")
-def _weigh(  # type: ignore[no-untyped-def]
-    statistic, severity, found, price, period, products, squares, both, overlap, levels, lost_times, delays,
-    constants,
-):  # fmt: skip
-    """Keep the likeliest sizes of each kind for one onset."""
-    c1, s11, c2, s22 = products[1], squares[1], products[2], squares[2]
-    if not (s11 > 0.0):
-        return
-    # shut, open, and stuck at c: the course is c - told
-    _keep(statistic, severity, _STUCK_OFF, found + _fit(-c2, s22), 1.0)
-    _keep(statistic, severity, _STUCK_ON, found + _fit(c1 - c2, s11 - 2.0 * both + s22), 1.0)
-    c = min(max((c1 + both) / s11, 0.0), 1.0)
-    value = found + _fit(c * c1 - c2, c * c * s11 - 2.0 * c * both + s22) - price
-    if c < _NEARLY:
-        _keep(statistic, severity, _STUCK_OFF, value, 1.0)
-    else:
-        _keep(statistic, severity, _STUCK_ON, value, c)
-    if s22 > 0.0:
-        c = min(max(-c2 / s22, 0.0), 1.0)
-        value = found + _fit(-c * c2, c * c * s22) - price
-        if c > 1.0 - _NEARLY:
-            _keep(statistic, severity, _STUCK_OFF, value, 1.0)
-        else:
-            _keep(statistic, severity, _LOSS, value, c)
-    # a leak that adds to the pulses: the course is c (1 - told)
-    spare = s11 - 2.0 * both + s22
-    if spare > 0.0:
-        c = min(max((c1 - c2) / spare, 0.0), 1.0)
-        value = found + _fit(c * (c1 - c2), c * c * spare) - price
-        value += 2.0 * math.log(3.0 * (1.0 - min(c, 0.99)) ** 2)  # the smaller, the likelier
-        _keep(statistic, severity, _LEAK if c <= 1.0 - _NEARLY else _STUCK_ON, value, c)
-    row = 3
-    for k in range(levels.size):
-        value = found + _fit(products[row], squares[row]) - 2.0 * price  # else no more than a stuck valve
-        _keep(statistic, severity, _LEAK, value, levels[k])
-        row += 1
-    for k in range(lost_times.size):
-        value = found + _fit(products[row], squares[row]) - price
-        _keep(statistic, severity, _LATE, value, lost_times[k] * period)
-        row += 1
-    for k in range(delays.size):
-        value = found + _fit(products[row], squares[row]) - price
-        _keep(statistic, severity, _LATE, value, delays[k] * period)
-        row += 1
-    for k in range(constants.size):
-        at = row + constants.size
-        c, s = products[at] - overlap[k], squares[at]
-        opened = min(max(c / s, 0.0), 1.0) if s > 0.0 else 0.0
-        c, s = products[row] + opened * products[at], squares[row] + opened * (2.0 * overlap[k] + opened * s)
-        _keep(statistic, severity, _SLUGGISH, found + _fit(c, s) - 2.0 * price, constants[k] * period)
-        row += 1
-
-
-@njit(error_model="numpy", inline="always")
-def _fit(product, square):  # type: ignore[no-untyped-def]
-    """Twice the log-likelihood ratio of a course that is known but for the error of the thrust."""
-    missed = product - square
-    return 2.0 * product - square + missed * missed / (square + 1.0 / _THRUST_ERROR**2)
-
-
-@njit(error_model="numpy", inline="always")
-def _keep(statistic, severity, kind, found, size):  # type: ignore[no-untyped-def]
-    """Keep the likeliest size of a kind."""
-    if found > statistic[kind]:
-        statistic[kind] = found
-        severity[kind] = size
