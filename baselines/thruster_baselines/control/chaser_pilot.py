@@ -35,7 +35,8 @@ stuck open one that is on or off for a tenth of a second, but a latch valve is n
 strokes nor for such haste, and nothing tells whether a stroke was carried out.
 
 The source (Fonod et al. 2013) names the thruster and says nothing of what comes after; rules and numbers
-are ours. Left out: faults of branch B, a second approach after a retreat, two faults at once.
+are ours. Left out: which thruster of branch B has failed, a second approach after a retreat, two faults at
+once.
 """
 
 from __future__ import annotations
@@ -432,15 +433,9 @@ class ChaserPilot:
     ) -> BoolArray:
         """(vehicles,) whether to say what is wrong with named thrusters: it shows, or time is up."""
         assert self._probing is not None
-        law, ahead = self._probing.settings, -position[:, 1]
+        law = self._probing.settings
         since = np.where(self._asked == thruster, self._period * self._elapsed - self._asked_at, 0.0)
-        width = self.recovery.mouth + self.recovery.widening * np.maximum(ahead, 0.0)
-        urgent = (
-            (ahead < self._hurry)
-            | (np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
-            | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
-            | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
-        )
+        urgent = (-position[:, 1] < self._hurry) | self._is_aside(position, law) | _is_turned(rows, law)
         shown = (lead >= law.margin) & (since >= law.least_wait - 1e-6)
         return np.asarray(shown | urgent | (since >= law.longest_wait - 1e-6))
 
@@ -605,16 +600,20 @@ class ChaserPilot:
         if self.detector is not None:
             self.detector.reset(mask)
 
+    def _is_aside(self, position: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
+        """(vehicles,) whether positions are beyond a share of the corridor's half-width."""
+        corridor, ahead = self.recovery, np.maximum(-position[:, 1], 0.0)
+        width = corridor.mouth + corridor.widening * ahead
+        return np.asarray(np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
+
     def _guard(self, rows: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
         """Give the approach up where it cannot end well."""
         law, ahead = self.recovery, -position[:, 1]
-        offset = np.hypot(position[:, 0], position[:, 2])
-        corridor = offset > law.corridor_share * (law.mouth + law.widening * np.maximum(ahead, 0.0))
+        corridor = self._is_aside(position, law)
         missing = (
-            (offset > law.offset)
+            (np.hypot(position[:, 0], position[:, 2]) > law.offset)
             | (np.hypot(velocity[:, 0], velocity[:, 2]) > law.lateral_speed)
-            | (_ANGLE * np.linalg.norm(rows[:, 9:12], axis=1) > law.angle)
-            | (_RATE * np.linalg.norm(rows[:, 12:15], axis=1) > law.spin)
+            | _is_turned(rows, law)
         )
         urgent = (self._reviews < 0) | (ahead < 2.0 * law.commitment)
         lost = self._limited & urgent & (ahead > law.commitment)
@@ -649,3 +648,9 @@ class ChaserPilot:
     ) -> None:
         time = round(self._period * float(self._elapsed[vehicle]), 6)
         self.log.append(ChaserDecision(vehicle, time, what, thruster, reason, severity))
+
+
+def _is_turned(rows: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
+    """(vehicles,) whether observations show a larger angle or body rate than is allowed."""
+    angle, spin = np.linalg.norm(rows[:, 9:12], axis=1), np.linalg.norm(rows[:, 12:15], axis=1)
+    return np.asarray((_ANGLE * angle > law.angle) | (_RATE * spin > law.spin))
