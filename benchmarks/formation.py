@@ -8,7 +8,8 @@ source's criterion (Valdes 2008, section 4.3), and its filter. Not measured: com
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import cycle
 from typing import Any
 
 import gymnasium as gym
@@ -56,17 +57,19 @@ def measure(effort: Effort) -> Section:
 
 def random_steps(env: Any) -> Callable[[], None]:
     """A step of a native batch after another, with actions drawn beforehand."""
-    env.action_space.seed(0)
-    env.reset(seed=0)
-    choices = [env.action_space.sample() for _ in range(64)]
-    count = 0
+    actions = _drawn(env)
 
     def step() -> None:
-        nonlocal count
-        count += 1
-        env.step(choices[count % len(choices)])
+        env.step(next(actions))
 
     return step
+
+
+def _drawn(env: Any) -> Iterator[Any]:
+    """Actions drawn beforehand, over and over, for an environment that begins."""
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    return cycle([env.action_space.sample() for _ in range(64)])
 
 
 def numpy_steps(worlds: int) -> Callable[[], object]:
@@ -230,15 +233,10 @@ def _diagnosis(effort: Effort) -> list[Row]:
 
 
 def _one_by_one(env: gym.Env[Any, Any]) -> Callable[[], None]:
-    env.action_space.seed(0)
-    env.reset(seed=0)
-    choices = [env.action_space.sample() for _ in range(64)]
-    count = 0
+    actions = _drawn(env)
 
     def step() -> None:
-        nonlocal count
-        count += 1
-        _, _, terminated, truncated, _ = env.step(choices[count % len(choices)])
+        _, _, terminated, truncated, _ = env.step(next(actions))
         if terminated or truncated:
             env.reset()
 
