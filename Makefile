@@ -13,7 +13,7 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test unit lint format types imports bench reproduce clean
+.PHONY: help install train test unit nightly lint format types imports bench reproduce clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -27,6 +27,9 @@ test: lint types imports unit ## everything that has to pass
 
 unit: $(INSTALLED) ## the test suite alone; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+nightly: $(INSTALLED) ## the slow tests that `make test` leaves out; options in ARGS="..."
+	$(BIN)/python -m pytest -n $(JOBS) -m nightly $(ARGS)
 
 lint: $(INSTALLED) ## ruff: lint and format
 	$(BIN)/ruff check $(SOURCES)
