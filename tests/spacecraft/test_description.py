@@ -15,7 +15,7 @@ THRUSTER = {"name": "a", "position": [0.0, 0.5, 0.0], "direction": [1.0, 0.0, 0.
 CRAFT = {
     "name": "box",
     "mass": 4.0,
-    "inertia": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]],
+    "inertia": [[3.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]],
     "thrusters": [THRUSTER],
 }
 DIAGONAL = CRAFT["inertia"]
