@@ -18,8 +18,8 @@ import os
 import stat
 from os import PathLike
 
-LARGEST = 4_000_000
-"""Bytes that a file may have unless the reader says otherwise: some thousands of thrusters."""
+LARGEST = 1_000_000
+"""Bytes that a file may have unless the reader says otherwise."""
 
 _OTHER_ENCODINGS = {
     codecs.BOM_UTF32_LE: "UTF-32",  # before UTF-16, whose mark it begins with

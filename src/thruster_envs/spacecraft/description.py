@@ -41,6 +41,9 @@ none that has to be positive is smaller than one over this. So what is computed 
 FASTEST_ORBIT = 1.0
 """Largest mean motion, rad/s: a thousand times that of the lowest orbit about any planet."""
 
+LONGEST_LAG = 1e4
+"""Largest time constant, s; with a longer lag rounding would be as large as the thrust."""
+
 MOST_CARRIED = 1000
 """Most control periods by which a modulator may put off a pulse."""
 
@@ -99,7 +102,7 @@ class Thruster:
             "three finite numbers of m",
         )
         for component in self.position:
-            _check_size(f"{who}position", component, "m")
+            _check_size(f"{who}position", component, "m", low=-LARGEST)
         length = math.hypot(*self.direction)
         require(
             math.isfinite(length) and length > 0.0,
@@ -115,10 +118,9 @@ class Thruster:
             length = math.hypot(*scaled)
             object.__setattr__(self, "direction", tuple(component / length for component in scaled))
         _check_positive(f"{who}thrust", self.thrust, "N")
-        for name in (
-            "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "time_constant",
-        ):  # fmt: skip
+        for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
             _check_not_negative(f"{who}{name}", getattr(self, name), "s")
+        _check_not_negative(f"{who}time_constant", self.time_constant, "s", largest=LONGEST_LAG)
         require(
             0.0 <= self.scatter < 1.0,
             f"{who}scatter",
@@ -609,12 +611,12 @@ def _check_positive(what: str, value: float, unit: str, largest: float = LARGEST
     _check_size(what, value, unit, low=1.0 / LARGEST, high=largest)
 
 
-def _check_not_negative(what: str, value: float, unit: str) -> None:
+def _check_not_negative(what: str, value: float, unit: str, largest: float = LARGEST) -> None:
     require(math.isfinite(value) and value >= 0.0, what, value, f"a finite number of {unit}, zero or more")
-    _check_size(what, value, unit)
+    _check_size(what, value, unit, high=largest)
 
 
-def _check_size(what: str, value: float, unit: str, low: float = -LARGEST, high: float = LARGEST) -> None:
+def _check_size(what: str, value: float, unit: str, low: float = 0.0, high: float = LARGEST) -> None:
     """Refuse a finite number that no spacecraft has and from which numbers that are not finite may come."""
     if not low <= value <= high:
         raise ValueError(f"{what} must be from {low:g} to {high:g} {unit}, got {value!r}")

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -26,12 +27,15 @@ from thruster_envs.text_files import printable, read_text
 
 _TABLES = ("feed", "sensors", "modulator", "discharge", "provenance")
 
+_KEY_END = re.compile(r"[\n=,{#]")
+_DEEPEST_KEY = 100  # dots in a dotted key
+
 
 def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacecraft:
     """A spacecraft of the catalogue, or a user's own.
 
     Args:
-        source: A name of the catalogue, the path of a TOML file (UTF-8, at most 4 MB), a mapping like such
+        source: A name of the catalogue, the path of a TOML file (UTF-8, at most 1 MB), a mapping like such
             a file, or a `Spacecraft`, which is returned as it is.
 
     Raises:
@@ -116,11 +120,11 @@ def _hint(path: str, names: tuple[str, ...]) -> str:
 
 def _from_text(text: str, where: str) -> Spacecraft:
     try:
+        if any(piece.count(".") > _DEEPEST_KEY for piece in _KEY_END.split(text)):
+            raise RecursionError  # the reader's time grows with the square of the depth
         document = tomllib.loads(text, parse_float=_float)
     except RecursionError:
-        raise ValueError(
-            f"{where}: not a TOML file that can be read: its tables or lists are nested too deep"
-        ) from None
+        raise ValueError(f"{where}: not a TOML file that can be read: it is nested too deep") from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{where}: not a TOML file: {_shortened(str(error))}") from None
     except ValueError as error:  # a number that Python cannot hold
