@@ -1,5 +1,6 @@
 """Which seeds are for what."""
 
+import itertools
 import re
 
 import pytest
@@ -9,7 +10,7 @@ from thruster_envs.seeds import TEST, TRAIN, VALIDATION, first_training_seed
 
 def test_sets_of_seeds_are_disjoint():
     ends = sorted((one.start, one.stop) for one in (TRAIN, VALIDATION, TEST))
-    assert all(before[1] <= after[0] for before, after in zip(ends, ends[1:], strict=False))
+    assert all(before[1] <= after[0] for before, after in itertools.pairwise(ends))
 
 
 def test_runs_with_different_seeds_share_no_world():
