@@ -35,6 +35,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 
 __all__ = [
@@ -105,7 +106,7 @@ def solve_batch(
     return answer
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def solve_range(
     command: FloatArray,
     effectiveness: FloatArray,
@@ -134,7 +135,7 @@ def solve_range(
         cost[i] = read(w, magnitude, command[i], a, b, c, slack_cost, report[i, 0], on_times[i], slack[i])
 
 
-@njit(forceinline=True, error_model="numpy")
+@kernel(forceinline=True)
 def tableau_shape(m: int, n: int) -> tuple[int, int]:
     """Shape of the working array of one problem; whole vector registers, with no remainder to loop over."""
     return TABLEAU + m + 1, (m + n + LANES - 1) // LANES * LANES

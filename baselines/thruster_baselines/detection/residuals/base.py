@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_envs.configuration import require
 from thruster_envs.construction import RecordsArguments
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -245,7 +246,7 @@ def take_attitude(attitude, last, v):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _first_wrong(open_rates):  # type: ignore[no-untyped-def]
     """The flat index of the first open rate that is none, or -1."""
     count, n = open_rates.shape
