@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -34,6 +33,7 @@ from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
 from thruster_envs.physics.sensing import measure, uniform_errors, write_measurement
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.threads import run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -308,19 +308,6 @@ class Fleet:
         """Go back to what :meth:`state` gave, for a fleet of the same sizes."""
         for name, array in state.items():
             getattr(self, name)[...] = array
-
-
-def run_shared(work: Callable[[int, int], None], shares: Sequence[tuple[int, int]]) -> None:
-    """Call ``work(first, last)`` for every share, the first here and each other one in its own thread."""
-    waiting = [_pool(len(shares)).submit(work, *share) for share in shares[1:]]
-    work(*shares[0])
-    for one in waiting:
-        one.result()
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="thruster_envs")
 
 
 #: Seconds; a valve level that takes no longer to rise or fall jumps.
