@@ -118,7 +118,7 @@ def as_plain(value: Any) -> Any:
             return plain_type(value)
     if value is None:
         return None
-    raise TypeError(f"{_shown(value)} has no form in JSON")
+    raise TypeError(f"{shown(value)} has no form in JSON")
 
 
 def coerce_fields(configuration: Any) -> None:
