@@ -100,11 +100,12 @@ def options(arguments: list[str] | None) -> Configuration:
     except SystemExit as ended:
         if ended.code in (0, None):
             raise
-    words = said.getvalue().replace("Parsing error", "").split()
-    line = " ".join(
-        word for word in words if any(letter.isascii() and letter.isprintable() for letter in word)
-    )
-    raise ValueError(line)
+    shown = said.getvalue().encode("ascii", errors="ignore").decode().replace("|", " ")  # without the frame
+    line = " ".join(shown.split())
+    for heading in ("Unrecognized options ", "Value error ", "Missing argument ", "Parsing error "):
+        line = line.removeprefix(heading)
+    line = line.partition(" Argument helptext:")[0].partition(" For full helptext")[0]
+    raise ValueError(f"{line} (see {PROGRAM} --help)")
 
 
 def learn_and_compare(
@@ -231,13 +232,13 @@ def resume(chosen: Configuration, held: contextlib.ExitStack) -> tuple[Configura
             )
     spacecraft = check_spacecraft(run, stored.spacecraft)
     check_task(run, spacecraft)
+    configuration = dataclasses.replace(stored, results=chosen.results, resume=None)
+    try_run(configuration, spacecraft, run.path)
     if stored.results is not None and chosen.results is None:
         complain(
             PROGRAM, f"no table is written; to write it where the run began to: --results {stored.results}"
         )
     tell_versions(run)
-    configuration = dataclasses.replace(stored, results=chosen.results, resume=None)
-    try_run(configuration, spacecraft, run.path)
     return configuration, spacecraft, run
 
 

@@ -5,6 +5,7 @@ Loads nothing but Python's own modules, so that it can be there before the libra
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import shutil
@@ -27,6 +28,7 @@ __all__ = [
     "run_command",
 ]
 
+_LONGEST_NAME = 255  # bytes, on the file systems of Linux
 _before: Any = None
 
 
@@ -100,6 +102,7 @@ def check_file(option: str, path: Path) -> None:
         ValueError: It cannot; one line says why.
     """
     try:
+        _check_names(path)
         if os.path.lexists(path) and not stat.S_ISREG(os.stat(path).st_mode):
             what = "a folder" if path.is_dir() else "no ordinary file"
             raise ValueError(f"{option} must be a file, got {path}, which is {what}")
@@ -123,6 +126,7 @@ def check_folder(option: str, path: Path) -> None:
         ValueError: They cannot; one line says why.
     """
     try:
+        _check_names(path)
         there = path
         while not os.path.lexists(there) and there != there.parent:
             there = there.parent
@@ -171,6 +175,12 @@ def check_memory(option: str, value: int, needed: int) -> None:
             f"{option} is {value}, which needs {needed / 1e9:.1f} GB of memory; this machine has "
             f"{there / 1e9:.1f} GB: choose fewer"
         )
+
+
+def _check_names(path: Path) -> None:
+    long = next((part for part in path.parts if len(os.fsencode(part)) > _LONGEST_NAME), None)
+    if long is not None:
+        raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), f"{long[:20]}...")
 
 
 def _probe(folder: Path) -> None:

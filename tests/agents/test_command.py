@@ -13,31 +13,17 @@ import torch
 
 import thruster_agents
 import train
+from tests.agents.runs import TASK, TINY
 from thruster_agents.checkpoints import read_tree
 from thruster_agents.evaluation import FAULTS, play
 from thruster_agents.evaluation.methods import Learned
 from thruster_agents.run_folders import RunFolder
 from thruster_envs.seeds import TEST
 
-TASK = "thruster_envs/ThrusterMapping-v0"
-TINY = [
-    *("--worlds", "8", "--belief-steps", "768", "--duty-steps", "512", "--test-worlds", "20"),
-    *("--validation-worlds", "4", "--checkpoint-every", "1", "--validate-every", "1"),
-]
 ROWS = [
     *("oracle", "ppo_beliefs", "ppo_duties", "response_test", "blind", "minimum_norm", "crude", "nothing"),
     "random",
 ]
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A finished run, tiny."""
-    parent = tmp_path_factory.mktemp("runs")
-    results = parent / "results.md"
-    assert train.main([*TINY, "--runs", str(parent), "--results", str(results), "--name", "tiny"]) == 0
-    (folder,) = (path for path in parent.iterdir() if path.is_dir())
-    return folder
 
 
 def test_a_run_leaves_everything_that_tells_what_it_was(run):
