@@ -16,12 +16,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -83,7 +83,7 @@ class EstimatorThreshold(BaseDetector):
         return self._answer(statistic, blamed, lost, lost * interval.on_times)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _lost_shares(
     estimate: FloatArray,
     believed: FloatArray,

@@ -23,13 +23,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -96,7 +96,7 @@ class GLRDetector(BaseDetector):
         return self._answer(statistic, blamed, ratio, seconds)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _ratios(
     residual: FloatArray,
     covariance: FloatArray,

@@ -38,6 +38,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -337,7 +338,7 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     return values
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_axis(
     times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
     pu: FloatArray,
@@ -363,7 +364,7 @@ def _update_axis(
     return variance
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_shared(
     times: FloatArray,
     measured: FloatArray,
@@ -393,7 +394,7 @@ def _update_shared(
                     effectiveness[v, k, i] += pu[i] * rest
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_by_axis(
     times: FloatArray,
     measured: FloatArray,
@@ -422,7 +423,7 @@ def _update_by_axis(
             )
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _compare(
     times: FloatArray,
     measured: FloatArray,
@@ -445,7 +446,7 @@ def _compare(
                 residual[v, k] = rest
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_full(
     times: FloatArray,
     measured: FloatArray,
