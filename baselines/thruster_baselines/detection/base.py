@@ -37,6 +37,7 @@ from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, Physica
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -307,7 +308,7 @@ class BaseDetector(ABC):
         )
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _at_the_door(
     commanded: FloatArray,
     measured: FloatArray,

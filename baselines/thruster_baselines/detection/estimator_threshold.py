@@ -16,13 +16,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -102,7 +102,7 @@ class EstimatorThreshold(LimitedDetector):
         return healthy.of_lost_share(interval.on_times, scale, self._believed, interval.valid)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _lost_shares(
     estimate: FloatArray,
     believed: FloatArray,

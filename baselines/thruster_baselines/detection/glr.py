@@ -28,7 +28,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval, whiten
@@ -37,6 +36,7 @@ from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLim
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -135,7 +135,7 @@ def _least(spacecraft: Spacecraft | ArrayLike, noise: PhysicalNoise | ArrayLike)
     return float(SOURCE_THRESHOLD * (reach / _ORION_REACH) ** 2)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _ratios(
     residual: FloatArray,
     covariance: FloatArray,

@@ -33,6 +33,7 @@ from thruster_baselines.detection.base import BaseDetector, Interval, whiten
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -229,7 +230,7 @@ class LimitedDetector(BaseDetector):
             self._healthy.forget(mask, thruster)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _propagate(
     on_times: FloatArray,
     metric: FloatArray,

@@ -44,6 +44,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -359,7 +360,7 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     return values
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_axis(
     times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
     pu: FloatArray,
@@ -385,7 +386,7 @@ def _update_axis(
     return variance
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_shared(
     times: FloatArray,
     measured: FloatArray,
@@ -415,7 +416,7 @@ def _update_shared(
                     effectiveness[v, k, i] += pu[i] * rest
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_by_axis(
     times: FloatArray,
     measured: FloatArray,
@@ -444,7 +445,7 @@ def _update_by_axis(
             )
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _compare(
     times: FloatArray,
     measured: FloatArray,
@@ -467,7 +468,7 @@ def _compare(
                 residual[v, k] = rest
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _update_full(
     times: FloatArray,
     measured: FloatArray,

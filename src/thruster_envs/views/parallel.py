@@ -40,7 +40,9 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
     def __init__(
         self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
     ) -> None:
-        self.task = make_task(self.task_type, configuration, {}, ("max_cycles", "render_mode"))
+        self.task = make_task(
+            self.task_type, configuration, {}, ("max_cycles", "render_mode"), type(self).__name__
+        )
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)
@@ -98,7 +100,7 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
                     f"the action of {agent} has the shape {action.shape}; {right} would be right"
                 )
         self.worlds.max_episode_steps = self.max_cycles
-        step = self.worlds.step(np.stack(list(given.values()))[np.newaxis])
+        step = self.worlds.step(np.stack(list(given.values())).reshape((1, len(given), -1)))
         self._camera.watch(begins=False, mode=self.render_mode)
         agents = self.agents
         rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
@@ -130,7 +132,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._camera.close()
+        if hasattr(self, "_camera"):  # not where the constructor failed
+            self._camera.close()
 
 
 def register_parallel(identifier: str, module: str) -> None:

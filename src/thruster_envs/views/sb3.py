@@ -154,9 +154,8 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         task_type: type[Task] = FormationKeeping,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(
-            task_type, configuration, {}, ("num_worlds", "max_episode_steps", "threads", "task_type")
-        )
+        others = ("num_worlds", "max_episode_steps", "threads", "task_type")
+        self.task = make_task(task_type, configuration, {}, others, type(self).__name__)
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_worlds, max_episode_steps=limit, threads=threads)
         self.craft = len(self.task.agents)

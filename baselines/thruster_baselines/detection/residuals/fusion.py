@@ -63,6 +63,7 @@ from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NO
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import rotate, rotate_back
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -308,7 +309,7 @@ def _gains_by_age(period: float, position: float, force: float, rate: float, tor
     return np.array(table)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _watch(  # type: ignore[no-untyped-def]
     open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
     margin, confirmations, lag, effectiveness, motion, spin, gains, noise, timing, states, begun,
