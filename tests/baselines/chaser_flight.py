@@ -17,10 +17,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from thruster_baselines.detection.residuals import NavigationFlights
+from thruster_envs.kernels import kernel
 from thruster_envs.spacecraft import Modulator, Sensors, Spacecraft, Thruster
 
 Array = NDArray[np.float64]
@@ -210,7 +210,7 @@ def _reference(time: Array, settings: Settings) -> Array:
     return rows
 
 
-@njit(cache=True)
+@kernel
 def _turn_matrix(q):
     """(3, 3): components in the reference frame into the body's."""
     w, x, y, z = q
@@ -223,7 +223,7 @@ def _turn_matrix(q):
     )
 
 
-@njit(cache=True)
+@kernel
 def _product(a, b):
     return np.array(
         [
@@ -235,7 +235,7 @@ def _product(a, b):
     )
 
 
-@njit(cache=True)
+@kernel
 def _turned(q, angle):
     """The attitude (body from reference) after the body turns further by a rotation vector, body axes."""
     size = math.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
@@ -245,7 +245,7 @@ def _turned(q, angle):
     return q / math.sqrt((q * q).sum())
 
 
-@njit(cache=True)
+@kernel
 def _gravity(p, v):
     """Acceleration without thrust, axes of eq. 29, by the nonlinear eq. 27."""
     n, a = MEAN_MOTION, ORBIT_RADIUS
@@ -257,13 +257,13 @@ def _gravity(p, v):
     return np.array([ay, pull * z, -ax])
 
 
-@njit(cache=True)
+@kernel
 def _hill(p, v):
     n = MEAN_MOTION
     return np.array([2.0 * n * v[2], -n * n * p[1], 3.0 * n * n * p[2] - 2.0 * n * v[0]])
 
 
-@njit(cache=True)
+@kernel
 def _fly_one(
     rng, reference, wrenches, allocation, disturbance, centre_of_mass, numbers, thruster, kind, severity,
     onset, open_rates, position, attitude, rate, true_position, true_velocity, pointing,
@@ -368,7 +368,7 @@ def _fly_one(
             w = w + h * _spin(w_half, wrench[3:] - lever)
 
 
-@njit(cache=True)
+@kernel
 def _spin(w, torque):
     """Euler's equation with principal axes, rad/s^2."""
     a, b, c = INERTIA

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import njit
 from torch.autograd.function import once_differentiable
+
+from thruster_envs.kernels import kernel
 
 __all__ = ["recursive_filter"]
 
@@ -86,7 +87,7 @@ def _array(tensor: torch.Tensor) -> np.ndarray:
     return tensor.detach().contiguous().numpy()
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _filter(x, b, a, y):
     """x, y (batch, time, channels); b (r + 1, channels), a (r, channels)."""
     batch, time, channels = x.shape
@@ -100,7 +101,7 @@ def _filter(x, b, a, y):
                     y[n, k, c] += b[j, c] * x[n, k - j, c] - a[j - 1, c] * y[n, k - j, c]
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _filter_adjoint(x, y, b, a, error, adjoint, by_x, by_b, by_a):
     """Fills `adjoint` (l of the module), `by_x`, and adds to `by_b` and `by_a`; shapes as in `_filter`."""
     batch, time, channels = x.shape

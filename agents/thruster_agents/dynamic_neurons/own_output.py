@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from thruster_agents.dynamic_neurons.layers import DynamicLayer
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["run_on_own_output"]
@@ -80,7 +81,7 @@ def _tanh(x):
     return bent if x >= 0.0 else -bent
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _run(inputs, sizes, weights, rest, feedforward, feedback, bent, output):
     """Fills the output (blocks, time, lanes) for inputs (blocks, time, inputs, lanes).
 

@@ -37,6 +37,7 @@ from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, Physica
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -290,16 +291,24 @@ class BaseDetector(ABC):
         return mask_of(vehicles, self._vehicles)
 
     def _answer(
-        self, statistic: FloatArray, blamed: IntArray, suspicion: FloatArray, shortfall: FloatArray
+        self,
+        statistic: FloatArray,
+        blamed: IntArray,
+        suspicion: FloatArray,
+        shortfall: FloatArray,
+        limit: FloatArray | None = None,
     ) -> Diagnosis:
-        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell."""
-        detected = statistic > self.threshold
+        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell.
+
+        `limit` (vehicles,) stands for the threshold in this interval.
+        """
+        detected = statistic > (self.threshold if limit is None else limit)
         return Diagnosis(
             detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall
         )
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _at_the_door(
     commanded: FloatArray,
     measured: FloatArray,

@@ -21,12 +21,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -158,7 +158,7 @@ def _squares(interval: Interval) -> FloatArray:
     return squares
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _generic(residual: FloatArray, covariance: FloatArray, valid: BoolArray, statistic: FloatArray) -> None:
     m = residual.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
@@ -169,7 +169,7 @@ def _generic(residual: FloatArray, covariance: FloatArray, valid: BoolArray, sta
                 statistic[v] += e[k] * e[k]
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _single(
     squares: FloatArray,
     effectiveness: FloatArray,
@@ -203,7 +203,7 @@ def _single(
             blamed[v] = 0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _set(
     squares: FloatArray,
     effectiveness: FloatArray,

@@ -29,7 +29,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval
@@ -37,6 +36,7 @@ from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -114,7 +114,7 @@ class CUSUMDetector(BaseDetector):
         return self._answer(statistic, blamed, suspicion, shortfall)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _gather(
     residual: FloatArray,
     covariance: FloatArray,

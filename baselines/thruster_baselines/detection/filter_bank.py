@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling, convert
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -183,7 +184,7 @@ class FilterBank(BaseDetector):
         return self._answer(statistic, blamed, suspicion, shortfall)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _hypothetical(
     commanded: FloatArray,
     effective: FloatArray,
@@ -209,7 +210,7 @@ def _hypothetical(
             delivered[v, 3 * i + 1, i] *= weak
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _weigh(
     sound_residual: FloatArray,
     sound_covariance: FloatArray,

@@ -21,12 +21,12 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.firing import apply_fault, is_active, severity
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -278,13 +278,13 @@ def truth_of(rows: FloatArray) -> dict[str, Any]:
     }
 
 
-@njit(cache=True)
+@kernel
 def _draw(rows: FloatArray, table: FloatArray, thrusters: int, seeds: NDArray[np.uint64]) -> None:
     for flight in range(rows.shape[0]):
         draw_faults(rows[flight], table, thrusters, 0, seeds[flight], np.uint64(0))
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _deliver(
     on_times: FloatArray, faults: FloatArray, duration: float, coupling: float, delivered: FloatArray
 ) -> None:

@@ -34,11 +34,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import Interval, whiten
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -230,7 +230,7 @@ def _named(interval: Interval | None, thruster: ArrayLike) -> IntArray:
     return named
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _compare(
     measured: FloatArray,
     commanded: FloatArray,
@@ -296,7 +296,7 @@ def _compare(
                 best[v] = model
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _seconds(
     residual: FloatArray,
     covariance: FloatArray,

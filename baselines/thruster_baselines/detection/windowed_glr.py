@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -158,7 +159,7 @@ def evidence(
         row[3, i] = spare**2 * square
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _over_the_window(
     residual: FloatArray,
     covariance: FloatArray,

@@ -18,9 +18,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -74,7 +74,7 @@ class PhysicalNoise:
         return answer
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _covariances(
     times: FloatArray, effectiveness: FloatArray, scatter: FloatArray, sensors: FloatArray, answer: FloatArray
 ) -> None:

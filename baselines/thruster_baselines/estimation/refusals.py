@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -89,7 +89,7 @@ _AXES = tuple(
 )
 
 
-@njit(error_model="numpy")
+@kernel
 def first_bad_axis(
     rate_change: FloatArray, duration: float, largest_rate: FloatArray, largest_error: FloatArray
 ) -> tuple[int, int]:

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.compensation import (
@@ -39,6 +38,7 @@ from thruster_baselines.mapping.simplex import (
     start,
     tableau_shape,
 )
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -105,7 +105,7 @@ class AdditiveCompensationMapper(CompensatingMapper):
 _RULES = {"none": 0, "raise_unused": 1, "lower_used": 2}
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _additive_range(
     command: FloatArray,
     effectiveness: FloatArray,

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["AttitudeUncertainty"]
@@ -197,7 +198,7 @@ def _small_rotation(angles: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _largest_over_box(
     triplets: FloatArray, low: FloatArray, high: FloatArray, equal_angles: bool, largest: FloatArray
 ) -> None:

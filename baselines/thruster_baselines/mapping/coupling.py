@@ -24,6 +24,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.mapping.model import matrix_times_vector
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 
 __all__ = [
@@ -146,7 +147,7 @@ def _on_times(given: ArrayLike, name: str) -> FloatArray:
     return times
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _by_rows(times: FloatArray, shares: FloatArray, forward: bool, answer: FloatArray) -> None:
     rows = answer.reshape(times.shape)
     order = np.empty(times.shape[1], np.int64)

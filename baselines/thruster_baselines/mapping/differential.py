@@ -18,7 +18,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from thruster_baselines.mapping.compensation import (
     CAPPED,
@@ -38,6 +37,7 @@ from thruster_baselines.mapping.simplex import (
     start,
     tableau_shape,
 )
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 
 __all__ = ["DifferentialCompensationMapper"]
@@ -71,7 +71,7 @@ class DifferentialCompensationMapper(CompensatingMapper):
         return _differential_range, (self.tolerance, self.max_iterations)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _differential_range(
     command: FloatArray,
     effectiveness: FloatArray,

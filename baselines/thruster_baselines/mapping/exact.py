@@ -21,7 +21,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from thruster_baselines.mapping.compensation import SHORT, CompensatingMapper, rate_change, settle
 from thruster_baselines.mapping.coupling import convert
@@ -34,6 +33,7 @@ from thruster_baselines.mapping.simplex import (
     start,
     tableau_shape,
 )
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 
 __all__ = ["ExactCompensationMapper"]
@@ -67,7 +67,7 @@ class ExactCompensationMapper(CompensatingMapper):
         return _exact_range, (self.tolerance, self.max_iterations)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _exact_range(
     command: FloatArray,
     effectiveness: FloatArray,

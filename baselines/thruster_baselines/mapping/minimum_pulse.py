@@ -50,6 +50,7 @@ from thruster_baselines.mapping.simplex import (
     start,
     tableau_shape,
 )
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -200,7 +201,7 @@ def pulse_lengths(given: ArrayLike, thrusters: int, what: str) -> FloatArray:
     return values
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _search_range(
     command: FloatArray,
     effectiveness: FloatArray,

@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.mapping.base import BaseMapper, each_or_shared, leading_axes, whole
 from thruster_baselines.mapping.model import Model, matrix_times_vector
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import Allocation, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -90,7 +90,7 @@ class RedistributedPseudoInverseMapper(BaseMapper):
         )
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _redistribute_range(
     command: FloatArray,
     effectiveness: FloatArray,
@@ -125,7 +125,7 @@ def _redistribute_range(
                 break
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _weigh(effectiveness: FloatArray, matrix: FloatArray) -> FloatArray:
     """Fill in the effectiveness (m, n) with each axis in units of its largest entry; return the weights."""
     m, n = effectiveness.shape
@@ -140,7 +140,7 @@ def _weigh(effectiveness: FloatArray, matrix: FloatArray) -> FloatArray:
     return weights
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _fix_what_saturates(trial: FloatArray, bound: FloatArray, on_time: FloatArray, fixed: BoolArray) -> bool:
     """Fix the free thrusters that saturate; if none does, take over the on-times tried. Says if any did."""
     n = trial.size
@@ -160,7 +160,7 @@ def _fix_what_saturates(trial: FloatArray, bound: FloatArray, on_time: FloatArra
     return saturated
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _minimum_norm(
     matrix: FloatArray,
     fixed: BoolArray,
@@ -228,7 +228,7 @@ def _minimum_norm(
             solution[j] += right / length * along[r, j]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _clear(rows: FloatArray, r: int) -> float:
     """Clear row r of the orthonormal rows before it, and make its length one; returns the one it had."""
     for _ in range(2):

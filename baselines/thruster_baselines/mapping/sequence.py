@@ -37,6 +37,7 @@ from thruster_baselines.mapping.simplex import (
     start,
     tableau_shape,
 )
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -153,7 +154,7 @@ class LPSequence(WeightedMapper):
         self.forget()
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def follow_range(
     command: FloatArray,
     effectiveness: FloatArray,

@@ -29,13 +29,14 @@ from __future__ import annotations
 
 import itertools
 import os
-import threading
 from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.threads import run_shared
 
 __all__ = [
     "NOT_CONVERGED",
@@ -105,7 +106,7 @@ def solve_batch(
     return answer
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def solve_range(
     command: FloatArray,
     effectiveness: FloatArray,
@@ -134,7 +135,7 @@ def solve_range(
         cost[i] = read(w, magnitude, command[i], a, b, c, slack_cost, report[i, 0], on_times[i], slack[i])
 
 
-@njit(forceinline=True, error_model="numpy")
+@kernel(forceinline=True)
 def tableau_shape(m: int, n: int) -> tuple[int, int]:
     """Shape of the working array of one problem; whole vector registers, with no remainder to loop over."""
     return TABLEAU + m + 1, (m + n + LANES - 1) // LANES * LANES
@@ -449,14 +450,7 @@ def in_threads(work: Callable[[int, int], object], batch: int, threads: int | No
         work(0, batch)
         return
     edges = np.linspace(0, batch, threads + 1).astype(int).tolist()
-    others = [
-        threading.Thread(target=work, args=(first, last)) for first, last in itertools.pairwise(edges[1:])
-    ]
-    for other in others:
-        other.start()
-    work(edges[0], edges[1])
-    for other in others:
-        other.join()
+    run_shared(work, list(itertools.pairwise(edges)))
 
 
 def _processors() -> int:

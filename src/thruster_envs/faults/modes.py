@@ -17,10 +17,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.record import KINDS, check_kind, check_severity
+from thruster_envs.kernels import kernel
 
 MODES: tuple[str, ...] = ("dead", "weak", "slightly weak", "leaking", "stuck open", "tilted or late")
 """The modes, in the order of their numbers from 0.
@@ -63,7 +62,7 @@ def mode_of(kind: str, severity: float) -> int:
     return int(mode_number(KINDS.index(kind) + 1, severity))
 
 
-@njit
+@kernel
 def mode_number(kind: Any, severity: Any) -> int:
     """:func:`mode_of` for a kind by its code."""
     if (

@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
@@ -28,13 +26,14 @@ from thruster_envs.faults import (
 )
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing, flight, modulated_flight
 from thruster_envs.physics import layout as at
-from thruster_envs.physics.compilation import announce_compilation
 from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
 from thruster_envs.physics.sensing import measure, uniform_errors, write_measurement
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.threads import run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -109,7 +108,6 @@ class Fleet:
         threads: int | None = None,
         kinds: tuple[str, ...] = GENERAL_KINDS,
     ) -> None:
-        announce_compilation()
         modulated = spacecraft.modulator is not None
         self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
@@ -327,19 +325,6 @@ class Fleet:
             getattr(self, name)[...] = array
 
 
-def run_shared(work: Callable[[int, int], None], shares: Sequence[tuple[int, int]]) -> None:
-    """Call ``work(first, last)`` for every share, the first here and each other one in its own thread."""
-    waiting = [_pool(len(shares)).submit(work, *share) for share in shares[1:]]
-    work(*shares[0])
-    for one in waiting:
-        one.result()
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="thruster_envs")
-
-
 #: Seconds; a valve level that takes no longer to rise or fall jumps.
 _NO_TIME = 1e-30
 
@@ -493,7 +478,7 @@ def _comparators(size: int) -> Iterator[tuple[int, int]]:
         p *= 2
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _begin(
     data, faults, streams, which, keys, episodes, craft, mass, wrenches, tilts, rows, table, drawn
 ):  # fmt: skip
@@ -534,7 +519,7 @@ def _begin(
                     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _struck(faults, time, strikes):
     lanes, craft = faults.shape[1], strikes.shape[1]
     for world in range(strikes.shape[0]):
@@ -548,7 +533,7 @@ def _struck(faults, time, strikes):
                 )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _first_look(data, streams, constants, which, craft):
     lanes = data.shape[2]
     for k in range(which.shape[0]):

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import (
@@ -58,7 +59,7 @@ _OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GR
 _OPENING, _THRUST, _FLOOR, _SLOPE, _GAIN, _NODE_GROUPS = 0, 3, 6, 9, 12, 15
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_blocks(
     data,
     faults,
@@ -104,7 +105,7 @@ def fly_blocks(
         )  # fmt: skip
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_singly(
     data,
     faults,

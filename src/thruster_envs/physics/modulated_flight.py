@@ -31,6 +31,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.flight import (
@@ -96,7 +97,7 @@ _TIME, _TIME_MOMENT, _RISE, _CURSOR, _SCRATCH = range(5)
 _START, _H, _COUNT, _EACH, _CLOCK = range(5)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_blocks(data, faults, streams, vehicle, fly, first, last):
     """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
 
@@ -122,7 +123,7 @@ def fly_blocks(data, faults, streams, vehicle, fly, first, last):
         )  # fmt: skip
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_singly(data, faults, streams, vehicle, fly, first, last):
     """The same as :func:`fly_blocks` for blocks of one craft."""
     n, count = vehicle.thrusters.shape[1], int(vehicle.modulator[CARRIED]) + 1
@@ -143,7 +144,7 @@ def fly_singly(data, faults, streams, vehicle, fly, first, last):
         )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def draw_phases(data, streams, which, craft, row):
     """Draw the phase of the modulator's sine, in turns, for the craft of the worlds ``which``."""
     lanes = data.shape[2]

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import require
 from thruster_envs.faults import encoding as code
-from thruster_envs.physics.compilation import announce_compilation
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.firing import is_active, severity
 from thruster_envs.spacecraft import Discharge
 
@@ -205,14 +205,13 @@ def _follow(
     discharge: Discharge, kick: FloatArray, damping: FloatArray, samples: NDArray[np.int64]
 ) -> FloatArray:
     """(4, pulses, samples): position, charge, velocity and current in units of the circuit."""
-    announce_compilation()
     paths = np.empty((4, kick.size, samples.size))
     step = discharge.sample_time / _unit_time(discharge)
     _follow_pulses(kick.ravel(), damping.ravel(), step, samples, paths)
     return paths
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _follow_pulses(kick, damping, step, samples, paths):
     """Integrate pulses from rest; keep the rising sample numbers ``samples`` in ``paths``."""
     state, forcing = np.zeros((4, _LANES)), np.ones((2, _LANES))
@@ -350,7 +349,7 @@ def _nodes(discharge: Discharge) -> tuple[FloatArray, FloatArray]:
     return np.minimum(kicks, _LAST_KICK), np.minimum(dampings, stiffest)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _ratios(mass, width, added, voltage, logarithms, resistance, ratios):
     for k in range(ratios.shape[0]):
         ratios[k] = pulse_ratio(mass[k], width[k], added[k], voltage[k], logarithms, resistance)

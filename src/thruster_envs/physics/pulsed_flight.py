@@ -33,6 +33,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import (
@@ -112,7 +113,7 @@ _START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _COUNT, _CLOCK
 FLOOR, SLOPE, GAIN, DELAY, HEALTH_GROUPS = range(5)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_blocks(data, faults, streams, vehicle, fly, first, last):
     """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
 
@@ -133,7 +134,7 @@ def fly_blocks(data, faults, streams, vehicle, fly, first, last):
         )  # fmt: skip
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_singly(data, faults, streams, vehicle, fly, first, last):
     """The same as :func:`fly_blocks` for blocks of one craft."""
     n = vehicle.thrusters.shape[1]

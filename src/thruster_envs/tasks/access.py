@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import exponential, rotate
@@ -31,7 +32,7 @@ def draw_start(streams, b, w, craft, uniform):
             uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def duties_of(actions, duties):
     """Turn actions -1..1 into duties 0..1, (worlds, agents, n) both; False if a number is not finite."""
     finite = True
@@ -44,7 +45,7 @@ def duties_of(actions, duties):
     return finite
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def options_of(actions, choices, options):
     """Turn actions into options, (worlds, agents, entries) both; False if one does not exist."""
     exist = True
@@ -58,7 +59,7 @@ def options_of(actions, choices, options):
     return exist
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def command_duties(data, duties, number_of_craft):
     """Write duties (worlds, agents, n) into the rows of the first craft of each world."""
     lanes = data.shape[2]
@@ -116,7 +117,7 @@ def write_oracle_view(faults, b, w, start, period, row, column):
         row[column + n + i] = closed[i]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft, worlds):
     """The vehicle as it truly is in the coming period.
 

@@ -14,10 +14,10 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.tasks.access import place
 from thruster_envs.tasks.contract import Feature, Observations, check_positive
@@ -98,7 +98,7 @@ class ActiveDiagnosis(FaultDiagnosis):
         return report
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _test(data, actions, test_duties, period, budget, price, account, first, last):
     """Add test pulses in the worlds from ``first`` to ``last`` (exclusive); no duty exceeds 1."""
     for world in range(first, last):

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
 from thruster_envs.physics.relative_orbit import hill_acceleration
 from thruster_envs.spacecraft import Spacecraft
@@ -118,7 +119,7 @@ class ApproachPilot:
         return float(y), float(v), float(a)
 
 
-@njit
+@kernel
 def approach_reference(t, law):
     """Along-track position, velocity and acceleration of the reference ``t`` seconds after the start."""
     speed, contact, braking = law[_SPEED], law[_CONTACT], law[_BRAKING]
@@ -146,14 +147,14 @@ def _sights(
     return np.ascontiguousarray(np.broadcast_to(np.asarray(time, np.float64), sights.shape[:1])), sights
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _steer(times, sights, inverse, inertia, law, duties):
     """Write duties (worlds, n) from sights (worlds, 13)."""
     for world in range(duties.shape[0]):
         steer_one(times[world], sights[world], inverse, inertia, law, duties[world])
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _want(times, sights, inertia, law, wrenches):
     """Write wrenches (worlds, 6) from sights (worlds, 13)."""
     for world in range(wrenches.shape[0]):

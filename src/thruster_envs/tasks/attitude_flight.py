@@ -1,7 +1,6 @@
 """The compiled loop of a whole flight: the law commands, the formation flies, what happens is recorded."""
 
-from numba import njit
-
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.plasma_pulse import pulse_shares
 from thruster_envs.physics.pulsed_flight import FIRING_TIME, fly_blocks, fly_singly
@@ -9,7 +8,7 @@ from thruster_envs.tasks.access import place
 from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def fly_whole(
     data, faults, streams, vehicle, targets, gains,
     attitude, measured_attitude, rate, measured_rate, pulses, thrust,
@@ -42,7 +41,7 @@ def fly_whole(
                     thrust[world, step, c, i] = data[b, at.SCALARS + n + i, w] / firing_time
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def _record_motion(data, row, step, attitude, rate):
     for world in range(attitude.shape[0]):
         for c in range(attitude.shape[2]):
@@ -53,7 +52,7 @@ def _record_motion(data, row, step, attitude, rate):
                 rate[world, step, c, k] = w[k]
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def shares_of_firings(faults, step, thruster, capacitors, period, shares):
     """What faults (slots, fields) made of the discharges at these steps, by these thrusters from 0.
 

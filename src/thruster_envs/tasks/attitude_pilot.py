@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
 from thruster_envs.spacecraft import Spacecraft
@@ -97,7 +98,7 @@ class AttitudePilot:
         hold_attitudes(data, targets, first, craft, 0, worlds, self.gains)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def hold_attitudes(data, targets, first, last, first_world, last_world, gains):
     """Write the duties that the law asks for, for the craft from ``first`` to ``last`` (exclusive)."""
     craft, lanes = targets.shape[1], data.shape[2]
@@ -110,7 +111,7 @@ def hold_attitudes(data, targets, first, last, first_world, last_world, gains):
             command_pulses(data, b, w, wanted_pulses(error, rate, gains), gains.thrusters)
 
 
-@njit(forceinline=True)
+@kernel(forceinline=True)
 def relative_motion(data, row, world, c, craft):
     """Attitude and rate of a craft from the leader's body, the leader's from the reference frame.
 

@@ -239,6 +239,11 @@ class Task(ABC):
             Feature("true opening of each thruster when closed", n, 1.0, "1", 0.0),
         )
 
+    @cached_property
+    def steps(self) -> int | None:
+        """Control periods after which the task itself ends an episode; None where it never does."""
+        return None
+
     def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
         """The faults of the configuration as records or as a distribution."""
         return as_faults(self.faults)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from thruster_envs.faults import MODES, Fault, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.modes import mode_number
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.protocols import Sight
@@ -367,7 +368,7 @@ def _draw_slot(data, streams, b, w, reach, slot):
     slot[0], slot[1], slot[2] = reach * (2.0 * x - 1.0), reach * (2.0 * y - 1.0), reach * (2.0 * z - 1.0)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _start(data, streams, which, limits, slots, declared, standing, account):
     lanes, n = data.shape[2], limits[_MEAN_MOTION]
     uniform = np.empty(16)
@@ -397,7 +398,7 @@ def _first_fault(faults, b, w, time):
     return first
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _right_now(data, faults, period, right):
     """Write what would be right to declare, (worlds, 2): thruster from 1 (0: none) and mode."""
     for world in range(right.shape[0]):
@@ -415,7 +416,7 @@ def _credit(row):
     return 1.0 if row[_IDENTIFIED] > 0.0 else (_HALF_RIGHT if row[_ISOLATED] > 0.0 else 0.0)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _judge(data, faults, actions, limits, declared, standing, account, first, last):
     """Compare what is declared with what acts now, in the worlds from ``first`` to ``last`` (exclusive)."""
     for world in range(first, last):
@@ -458,7 +459,7 @@ def _judge(data, faults, actions, limits, declared, standing, account, first, la
         declared[world, 0], declared[world, 1] = thruster, mode
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _settle(data, streams, limits, slots, declared, account, first, last):
     """Look where the period has led; a lost flight is charged as if its last declaration stood to the end."""
     for world in range(first, last):
@@ -489,7 +490,7 @@ def _settle(data, streams, limits, slots, declared, account, first, last):
             _draw_slot(data, streams, b, w, limits[_REACH], slot)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _rate(account, declared, score, success):
     """Score and success of every world, (worlds, 1) both."""
     for world in range(account.shape[0]):
@@ -502,7 +503,7 @@ def _rate(account, declared, score, success):
         success[world, 0] = begun and right and row[_ALARMS] == 0.0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _observe(
     data, faults, limits, authority, projection, slots, declared, observe_fault, observations, first, last
 ):  # fmt: skip

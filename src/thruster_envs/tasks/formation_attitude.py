@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, check_torques, discharge_of
@@ -375,7 +376,7 @@ def _assess(data, world, c, targets, period, account):
         account[_SETTLED] = account[_SINCE] + period
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _start(data, streams, which, limits, targets, owed, account, over):
     for world in which:
         over[world] = 0.0
@@ -395,7 +396,7 @@ def _count_anew(account):
     account[_SINCE], account[_SETTLED] = 0.0, 0.0
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def _choose_pulses(data, options, first, craft, gains, start, stop):
     """Turn options (worlds, agents, 3) into commanded firings."""
     for world in range(start, stop):
@@ -414,7 +415,7 @@ def _pulse(option):
     return -1 if option == 2 else option
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
     """Add duties (worlds, agents, n) to what thrusters are owed; whole pulses are fired.
 
@@ -438,7 +439,7 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
                 debt[i] = max(debt[i] - data[b, at.SCALARS + i, w], 0.0)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def _judge(data, streams, limits, targets, account, over, start, stop):
     lanes, craft = data.shape[2], targets.shape[1]
     for world in range(start, stop):
@@ -470,7 +471,7 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
             _aim(data, streams, world, int(data[b, at.STEP, w] / limits[_INTERVAL]), limits, targets, account)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(nogil=True)
 def _observe(
     data, faults, vehicle, limits, targets, owed, account, first, by_duties, observe_fault, observations,
     start, stop,

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
@@ -225,7 +226,7 @@ def _place_slots(phase, step, limits, slots):
             slots[c, k] = place_and_speed[k]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _start(data, streams, which, limits, phase, slots, account, over):
     lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
     uniform = np.empty(16)
@@ -247,7 +248,7 @@ def _start(data, streams, which, limits, phase, slots, account, over):
                 account[world, c, k] = 0.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _judge(data, limits, phase, slots, account, over):
     lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
     for world in range(slots.shape[0]):
@@ -288,7 +289,7 @@ def _judge(data, limits, phase, slots, account, over):
                 over[world] = 1.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _observe(data, faults, limits, authority, slots, account, observe_fault, n, observations):
     lanes, craft, m = data.shape[2], slots.shape[1], at.MEASURED
     for world in range(observations.shape[0]):

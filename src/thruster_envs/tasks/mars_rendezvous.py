@@ -25,6 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import (
     conjugate,
@@ -341,7 +342,7 @@ class MarsRendezvous(Task):
         return actions
 
 
-@njit
+@kernel
 def corridor_half_width(along):
     """How far off the V-bar the corridor reaches, m, at an along-track position, m."""
     return _MOUTH + _WIDENING * max(0.0, -along)
@@ -352,7 +353,7 @@ def _length(v):
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _start(data, streams, which, limits, dispersion, arms, sky, branch, account):
     """Disperse the chaser about its start and its truth about the description, and open the account."""
     lanes, n = data.shape[2], arms.shape[0]
@@ -403,7 +404,7 @@ def _potential(data, b, w, limits):
     return -_length(r) / limits[_DISTANCE]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _first_sight(data, which, limits, sights, estimate):
     """Fill the way of the sights with the first one, and begin the filter at the speed of the approach."""
     lanes = data.shape[2]
@@ -417,7 +418,7 @@ def _first_sight(data, which, limits, sights, estimate):
             estimate[world, 3 + k] = limits[_SPEED] if k == 1 else 0.0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _command(
     data, faults, actions, pending, inhibited, branch, limits, disturbances, sky, push, first, last
 ):  # fmt: skip
@@ -449,7 +450,7 @@ def _command(
             data[b, push + k, w] = pushed[k]
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _judge(data, limits, sights, estimate, account, first, last):
     """Let the sights grow older, filter, and account for the period that has passed."""
     lanes, n = data.shape[2], limits[_MEAN_MOTION]
@@ -530,7 +531,7 @@ def _filter(sight, limits, estimate):
         estimate[3 + k] += change + _BETA / period * missed
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first, last):
     """Open rates of the scripted pilot, as actions."""
     lanes, n = data.shape[2], inverse.shape[0]
@@ -547,7 +548,7 @@ def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first
             actions[world, 0, i] = 2.0 * duties[i] - 1.0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _observe(
     data, faults, limits, authority, sights, estimate, branch, inhibited, n, inhibit, spare, observe_fault,
     observations, first, last,

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
@@ -237,7 +238,7 @@ def _length(v):
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _start(data, streams, which, start, limits, account):
     """Disperse the craft about the start, uniformly in a box, and open the account."""
     lanes, n = data.shape[2], limits[_MEAN_MOTION]
@@ -255,7 +256,7 @@ def _start(data, streams, which, start, limits, account):
         account[world, _POTENTIAL] = _potential(r, v, angle, rate, limits[_STEPS] * limits[_PERIOD], limits)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _judge(data, limits, account, first, last):
     """Account for the period that has passed, in the worlds from ``first`` to ``last`` (exclusive)."""
     lanes, n = data.shape[2], limits[_MEAN_MOTION]
@@ -289,7 +290,7 @@ def _judge(data, limits, account, first, last):
         account[world, _SUCCESS] = 1.0 if inside else 0.0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _observe(data, faults, limits, authority, observe_fault, observations, first, last):
     n, lanes = observations.shape[1] - 25, data.shape[2]
     if observe_fault:

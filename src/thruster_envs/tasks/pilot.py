@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.spacecraft import Spacecraft
@@ -76,7 +77,7 @@ class Pilot:
         )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _hold_slots(data, slots, first, craft, worlds, inverse, null, mean_motion, period, frequencies):
     n, lanes, m = inverse.shape[0], data.shape[2], at.MEASURED
     duties = np.empty(n)

@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistribution
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.plasma_pulse import (
@@ -341,7 +342,7 @@ def _waveforms(discharge: Discharge, samples: tuple[int, ...]) -> FloatArray:
     return waveforms
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _fire(
     data, faults, streams, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
@@ -408,7 +409,7 @@ def _main_cause(mass, width, added, logarithms, resistance):
     return cause
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _judge(data, actions, limits, case, declared, account, first, last):
     """Compare declarations with the pulses they are about, in the worlds from ``first`` to ``last``."""
     for world in range(first, last):
@@ -438,7 +439,7 @@ def _judge(data, actions, limits, case, declared, account, first, last):
         data[b, at.STEP, w] += 1.0
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _observe(
     data, measured, pulse, declared, observe_thrust, observe_fault, full_scale, observations, first, last
 ):  # fmt: skip

@@ -8,14 +8,14 @@ policy as it was (Ng, Harada, Russell 1999).
 
 import math
 
-from numba import njit
+from thruster_envs.kernels import kernel
 
 #: Time to go is not taken to be shorter than this, s: the impulses of a two-impulse rendezvous grow without
 #: bound as it goes to zero.
 SHORTEST = 60.0
 
 
-@njit
+@kernel
 def delta_v_to_go(r, v, time_to_go, n):
     """Sum of the absolute components (m/s) of both impulses that bring a craft to rest at the origin.
 

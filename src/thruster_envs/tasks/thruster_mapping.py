@@ -15,10 +15,10 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
+from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
@@ -232,7 +232,7 @@ class ThrusterMapping(Task):
         return effectiveness[:, 0], offset[:, 0]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _draw_commands(data, streams, which, authority, commands):
     """Draw the command of the coming period in some worlds, from their seeds, episodes and steps."""
     lanes = data.shape[2]
@@ -259,7 +259,7 @@ def _draw_commands(data, streams, which, authority, commands):
             commands[world, k] = reach * (2.0 * uniform[2 + k] - 1.0) * authority[k] if taken else 0.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _judge(
     data, streams, period, mass, inverse_inertia, effectiveness, fuel_cost, slack_cost, noise, scale,
     command, delivered, measured, expected, terms, sums,
@@ -301,7 +301,7 @@ def _judge(
         sums[world, 1] += idle
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _observe(
     data, faults, projection, authority, command, measured, expected, period, observe_fault, observations
 ):  # fmt: skip

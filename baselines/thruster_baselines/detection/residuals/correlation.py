@@ -28,13 +28,13 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from numba import njit
 
 from thruster_baselines.detection.residuals.base import SETTLING_TIME
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -136,7 +136,7 @@ class CorrelationDetector(NormThreshold):
         return self._answer(statistic)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _correlate(
     residuals: FloatArray,
     rates: FloatArray,

@@ -63,6 +63,7 @@ from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NO
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import rotate, rotate_back
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -302,12 +303,13 @@ def _gains_by_age(period: float, position: float, force: float, rate: float, tor
         spread += turned
         gain = covariance[:, 0] / (covariance[0, 0] + position**2)
         table.append((gain[0], gain[1], spread / (spread + rate**2), covariance[0, 0] + position**2))
-        covariance = covariance - np.outer(gain, covariance[0])
+        rest = np.array([[1.0 - gain[0], 0.0], [-gain[1], 1.0]])
+        covariance = rest @ covariance @ rest.T + position**2 * np.outer(gain, gain)  # Joseph's form
         spread *= rate**2 / (spread + rate**2)
     return np.array(table)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _watch(  # type: ignore[no-untyped-def]
     open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
     margin, confirmations, lag, effectiveness, motion, spin, gains, noise, timing, states, begun,

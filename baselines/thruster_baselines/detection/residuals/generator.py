@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.mapping.simplex import in_threads
+from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import rotate_back
 from thruster_envs.protocols import BoolArray, FloatArray
 
@@ -186,7 +187,7 @@ def observe(observers, u, y, measured, v, r):  # type: ignore[no-untyped-def]
         x[j] = following[j]
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _step(observers, command, position, residual, first, last):  # type: ignore[no-untyped-def]
     for v in range(first, last):
         u = (command[v, 0], command[v, 1], command[v, 2])

@@ -15,6 +15,8 @@ import math
 import numpy as np
 from numba import njit
 
+from thruster_envs.kernels import kernel
+
 __all__ = ["FUSION_KINDS", "GRIDS", "NONE", "compare_kinds"]
 
 FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
@@ -59,7 +61,7 @@ GRIDS = np.array(_LEVELS), np.array(_LOST_TIMES), np.array(_DELAYS), np.array(_T
 """Levels of a leak, lost beginnings, further delays and time constants, as `compare_kinds` takes them."""
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def compare_kinds(  # type: ignore[no-untyped-def]
     rates, seen, last_kept, alarms, effectiveness, vehicles, named, lag, period, begun, gains, levels,
     lost_times, delays, constants, statistic, severity, first, last,

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.residuals.base import (
@@ -30,6 +29,7 @@ from thruster_baselines.detection.residuals.design import ResidualDesign, observ
 from thruster_baselines.detection.residuals.generator import Observers, observe, turned_thrust
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -139,7 +139,7 @@ def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> fl
     return margin * float(np.max(np.asarray(statistics, dtype=np.float64)))
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _look(  # type: ignore[no-untyped-def]
     observers, effectiveness, open_rates, position, attitude, valid,
     last_attitude, samples, period, settle, threshold, residual, residuals, rates, refused, detected,

@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from numba import njit
 
 from thruster_baselines.detection.residuals.base import SETTLING_TIME, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
@@ -36,6 +35,7 @@ from thruster_baselines.detection.residuals.generator import turned_direction
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
+from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -132,7 +132,7 @@ class SignatureDetector(NormThreshold):
         return self._answer(statistic, suspicion, shortfall)
 
 
-@njit(error_model="numpy", cache=True, nogil=True)
+@kernel(nogil=True)
 def _match(
     residuals: FloatArray,
     rates: FloatArray,
