@@ -5,17 +5,20 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-import pettingzoo
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv
-from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_render_mode, make_task, of_one_agent
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import Step, Worlds, checked_seed
+
+with extra("multi-agent", __name__):
+    import pettingzoo
+    from pettingzoo import ParallelEnv
+    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)

@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.single import make_task
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.vector import TaskVectorEnv
 from thruster_envs.views.worlds import Worlds, checked_seed
+
+with extra("sb3", __name__):
+    from stable_baselines3.common.vec_env import VecEnv
 
 #: Keys of the last info of an episode that are handed on, beside the two that SB3 knows.
 FINAL_KEYS = ("score", "success", "cost", "fuel")
