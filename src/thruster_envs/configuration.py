@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import enum
 import math
+import os
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -88,6 +90,35 @@ def to_mapping(configuration: Any) -> dict[str, Any]:
             f"{shown(configuration)} is not a configuration; a dataclass instance would be right"
         )
     return dataclasses.asdict(configuration)
+
+
+def as_plain(value: Any) -> Any:
+    """A value in the types of JSON: configurations as mappings, paths as text, arrays and tuples as lists.
+
+    Raises:
+        TypeError: What has no such form.
+
+    >>> as_plain({"shape": (2, np.float32(0.5)), "start": np.zeros(2)})
+    {'shape': [2, 0.5], 'start': [0.0, 0.0]}
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {one.name: as_plain(getattr(value, one.name)) for one in dataclasses.fields(value) if one.init}
+    if isinstance(value, enum.Enum):
+        return as_plain(value.value)
+    if isinstance(value, np.generic | np.ndarray):
+        return as_plain(value.tolist())
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Mapping):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return [as_plain(item) for item in value]
+    for plain_type in (bool, int, float, str):  # subclasses of them too
+        if isinstance(value, plain_type):
+            return plain_type(value)
+    if value is None:
+        return None
+    raise TypeError(f"{shown(value)} has no form in JSON")
 
 
 def coerce_fields(configuration: Any) -> None:

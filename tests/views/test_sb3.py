@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecMonitor
 
-from tests.views.cases import FAULTS, IDS, constant, faults_of
+from tests.views.cases import FAULTS, IDS, constant, faults_of, has_options
 from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv
 
 GAMMA, STEPS, LIMIT = 0.9, 60, 12
@@ -70,7 +70,7 @@ def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifi
         endings["truncated"] += np.count_nonzero(truncated & ~terminated)
         return rewards, terminated, truncated, infos["final_obs"] if done.any() else observations
 
-    options = isinstance(model.action_space, gym.spaces.MultiDiscrete)
+    options = has_options(model.action_space)
     actions = buffer.actions if options else np.clip(buffer.actions, -1.0, 1.0)
     rewards = bootstrapped(model, actions, step, STEPS)
     assert endings["truncated"] >= 4

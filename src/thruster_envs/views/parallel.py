@@ -5,17 +5,20 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-import pettingzoo
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv
-from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_render_mode, make_task, of_one_agent
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import Step, Worlds, checked_seed
+
+with extra("multi-agent", __name__):
+    import pettingzoo
+    from pettingzoo import ParallelEnv
+    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
@@ -40,7 +43,9 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
     def __init__(
         self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
     ) -> None:
-        self.task = make_task(self.task_type, configuration, {}, ("max_cycles", "render_mode"))
+        self.task = make_task(
+            self.task_type, configuration, {}, ("max_cycles", "render_mode"), type(self).__name__
+        )
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)
@@ -98,7 +103,7 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
                     f"the action of {agent} has the shape {action.shape}; {right} would be right"
                 )
         self.worlds.max_episode_steps = self.max_cycles
-        step = self.worlds.step(np.stack(list(given.values()))[np.newaxis])
+        step = self.worlds.step(np.stack(list(given.values())).reshape((1, len(given), -1)))
         self._camera.watch(begins=False, mode=self.render_mode)
         agents = self.agents
         rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
@@ -130,7 +135,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._camera.close()
+        if hasattr(self, "_camera"):  # not where the constructor failed
+            self._camera.close()
 
 
 def register_parallel(identifier: str, module: str) -> None:

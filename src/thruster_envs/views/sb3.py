@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.single import make_task
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.vector import TaskVectorEnv
 from thruster_envs.views.worlds import Worlds, checked_seed
+
+with extra("sb3", __name__):
+    from stable_baselines3.common.vec_env import VecEnv
 
 #: Keys of the last info of an episode that are handed on, beside the two that SB3 knows.
 FINAL_KEYS = ("score", "success", "cost", "fuel")
@@ -154,9 +157,8 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         task_type: type[Task] = FormationKeeping,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(
-            task_type, configuration, {}, ("num_worlds", "max_episode_steps", "threads", "task_type")
-        )
+        others = ("num_worlds", "max_episode_steps", "threads", "task_type")
+        self.task = make_task(task_type, configuration, {}, others, type(self).__name__)
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_worlds, max_episode_steps=limit, threads=threads)
         self.craft = len(self.task.agents)

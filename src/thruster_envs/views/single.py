@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from thruster_envs.configuration import from_mapping
+from thruster_envs.configuration import from_mapping, suggestion
 from thruster_envs.tasks import Task
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.specs import stated
 from thruster_envs.views.worlds import Step, Worlds, checked_seed
 
 Observation = NDArray[np.float32]
@@ -31,14 +32,26 @@ class TaskEnv(gym.Env[Observation, Any]):
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # type: ignore[misc]  # Gymnasium declares an instance attribute
     task_type: ClassVar[type[Task]]
     fixed: ClassVar[dict[str, Any]] = {}
+    _spec: EnvSpec | None = None
 
     def __init__(self, *, render_mode: str | None = None, **configuration: Any) -> None:
-        self.task = make_task(self.task_type, configuration, self.fixed, ("render_mode",))
+        self.task = make_task(
+            self.task_type, configuration, self.fixed, ("render_mode",), type(self).__name__
+        )
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again, as plain data."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = stated(spec, self.task)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -82,7 +95,8 @@ class TaskEnv(gym.Env[Observation, Any]):
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._camera.close()
+        if hasattr(self, "_camera"):  # not where the constructor failed
+            self._camera.close()
 
 
 def of_one_agent(info: dict[str, Any], agent: int) -> dict[str, Any]:
@@ -97,7 +111,11 @@ def of_one_agent(info: dict[str, Any], agent: int) -> dict[str, Any]:
 
 
 def make_task(
-    task_type: type[Task], configuration: dict[str, Any], fixed: dict[str, Any], others: tuple[str, ...]
+    task_type: type[Task],
+    configuration: dict[str, Any],
+    fixed: dict[str, Any],
+    others: tuple[str, ...],
+    view: str,
 ) -> Task:
     """The task's configuration from keyword arguments.
 
@@ -106,17 +124,22 @@ def make_task(
         configuration: What the user gave.
         fixed: What is not for the user to choose.
         others: Names of the arguments that the view takes beside the configuration.
+        view: Name of the view's class.
 
     Raises:
-        ValueError: An unknown name, with the nearest known one, or one that is fixed.
+        TypeError: An unknown name, as Python words it, with the nearest known one. Clients that try which
+            arguments an environment takes read these words.
+        ValueError: A name that is fixed, or a value that is wrong.
     """
     names = [field.name for field in fields(task_type) if field.init]
     for key in configuration:
         if key in fixed:
             raise ValueError(f"{key} is always {fixed[key]!r} here; leaving it out would be right")
-        nearest = get_close_matches(key, [*others, *names], n=1)
-        if key not in names and nearest and nearest[0] in others:
-            raise ValueError(f"{task_type.__name__}: unknown key {key!r}; did you mean {nearest[0]!r}?")
+        if key not in names:
+            known = [*others, *(name for name in names if name not in fixed)]
+            raise TypeError(
+                f"{view}.__init__() got an unexpected keyword argument {key!r}; {suggestion(key, known)}"
+            )
     return from_mapping(task_type, configuration | fixed, task_type.__name__)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from thruster_envs.tasks.contract import check_whole
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_render_mode, make_task
 from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.specs import stated
 from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds, checked_seed
 
 Observations = NDArray[np.float32]
@@ -53,6 +55,8 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
     }
     task_type: ClassVar[type[Task]]
     fixed: ClassVar[dict[str, Any]] = {}
+    _spec: EnvSpec | None = None
+    _cameras: Sequence[Camera] = ()  # where the constructor fails there are none to close
 
     def __init__(
         self,
@@ -65,7 +69,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         **configuration: Any,
     ) -> None:
         check_whole("num_envs", num_envs, 1, MOST_WORLDS)
-        self.task = make_task(self.task_type, configuration, self.fixed, _ARGUMENTS)
+        self.task = make_task(self.task_type, configuration, self.fixed, _ARGUMENTS, type(self).__name__)
         self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
         self.set_autoreset_mode(autoreset_mode)
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
@@ -78,6 +82,15 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         watched = {None: 0, "human": 1, "rgb_array": num_envs}[self.render_mode]
         self._cameras = [Camera(self.worlds, world, f"{title} {world}") for world in range(watched)]
         self._over = np.zeros(num_envs, np.bool_)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again, as plain data."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = stated(spec, self.task, self.worlds.max_episode_steps)
 
     def set_autoreset_mode(self, mode: AutoresetMode | str) -> None:
         """Choose what happens at the end of an episode, before the first reset or between episodes."""
@@ -159,7 +172,10 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """
         if not self.worlds.seeded:
             raise ValueError("the environment has not been reset; call reset() before step()")
-        chosen = np.asarray(actions, dtype=np.float64)[:, np.newaxis]
+        chosen = np.asarray(actions, dtype=np.float64)
+        if self.single_action_space.shape == ():  # Discrete: one number for each world
+            chosen = chosen[:, np.newaxis]
+        chosen = chosen[:, np.newaxis]
         everyone = np.ones(self.num_envs, np.bool_)
         step, ends = self._hold(chosen, periods)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
