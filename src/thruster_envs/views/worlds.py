@@ -80,15 +80,13 @@ class Worlds:
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
         self.seeded = False
+        self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
-        """Give some worlds new seeds; their next reset begins episode 0 of it."""
-        for world, seed in zip(which, seeds, strict=True):
-            self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
-            self.episodes[world] = _LOW
-        self.seeded = True
+        """Give some worlds new seeds; the reset that has to follow begins episode 0 of them."""
+        self._seeds = list(zip(which, seeds, strict=True))
 
     def reset(self, which: NDArray[np.int64], options: Mapping[str, Any] | None = None) -> None:
         """Begin the next episode of some worlds.
@@ -99,10 +97,15 @@ class Worlds:
                 that :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone, with a warning
                 where one looks like a slip of the pen.
         """
+        seeds, self._seeds = self._seeds, []
         _warn_of_slips(options or {})
         plan = self.faults
         if options is not None and "faults" in options:
             plan = self.fleet.plan(as_faults(options["faults"]))
+        for world, seed in seeds:  # only now, so that options that are refused change nothing
+            self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
+            self.episodes[world] = _LOW
+        self.seeded = True
         self.episodes[which] += np.uint64(1)
         self.steps[which] = 0
         self.fleet.begin(which, self.keys, self.episodes, plan)
