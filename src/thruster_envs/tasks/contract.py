@@ -160,7 +160,7 @@ class Task(ABC):
                 f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right "
                 "(its error grows with the fourth power)"
             )
-        self.fault_source()
+        self.fault_source(self.faults)
 
     # What it looks like from outside --------------------------------------------------------------------
 
@@ -209,9 +209,13 @@ class Task(ABC):
             Feature("true opening of each thruster when closed", n, 1.0, "1", 0.0),
         )
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The faults of the configuration as records or as a distribution."""
-        return as_faults(self.faults)
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
+        return ()
+
+    def fault_source(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+        """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
+        return self.default_faults() if faults is None else as_faults(faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 
