@@ -190,7 +190,7 @@ class Task(ABC):
             )
         if self.flies:
             check_flyable(self.vehicle, self.max_substep)
-        self.fault_source()
+        self.fault_source(self.faults)
 
     # What it looks like from outside --------------------------------------------------------------------
 
@@ -244,9 +244,13 @@ class Task(ABC):
         """Control periods after which the task itself ends an episode; None where it never does."""
         return None
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The faults of the configuration as records or as a distribution."""
-        return as_faults(self.faults)
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
+        return ()
+
+    def fault_source(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+        """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
+        return self.default_faults() if faults is None else as_faults(faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 
