@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, ClassVar
 
@@ -65,10 +67,11 @@ class TaskEnv(gym.Env[Observation, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; ``options={"faults": ...}`` gives it faults of its own."""
         given = None if seed is None else checked_seed(seed)
-        super().reset(seed=given)
-        if given is not None or not self.worlds.seeded:
-            self.worlds.seed(_ONE, [seed_in_use(self)])
-        self.worlds.reset(_ONE, options)
+        with taken_back_if_refused(self):
+            super().reset(seed=given)
+            if given is not None or not self.worlds.seeded:
+                self.worlds.seed(_ONE, [seed_in_use(self)])
+            self.worlds.reset(_ONE, options)
         self._camera.watch(begins=True, mode=self.render_mode)
         return self.worlds.observe()[0, 0], self._info(None)
 
@@ -106,6 +109,18 @@ class TaskEnv(gym.Env[Observation, Any]):
         """Close the window, if there is one."""
         if hasattr(self, "_camera"):  # not where the constructor failed
             self._camera.close()
+
+
+@contextmanager
+def taken_back_if_refused(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], *names: str) -> Iterator[None]:
+    """Put an environment's generator, and attributes of these names, back if what is done raises an error."""
+    kept = {name: getattr(env, name) for name in ("_np_random", "_np_random_seed", *names)}
+    try:
+        yield
+    except ValueError:
+        for name, value in kept.items():
+            setattr(env, name, value)
+        raise
 
 
 def seed_in_use(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int:

@@ -21,6 +21,7 @@ from thruster_envs.views.single import (
     flattened,
     make_task,
     seed_in_use,
+    taken_back_if_refused,
 )
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
@@ -140,8 +141,9 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """
         mask = self._checked_mask(options)
         which = np.flatnonzero(mask)
-        self._seed(which, seed)
-        self.worlds.reset(which, options)
+        with taken_back_if_refused(self, "_seeds"):
+            self._seed(which, seed)
+            self.worlds.reset(which, options)
         self._over[which] = False
         for camera in self._cameras:
             if mask[camera.world]:

@@ -86,13 +86,13 @@ class Worlds:
         self.steps = np.zeros(number, np.int64)
         #: Whether seeds have been given, and whether episodes run that a step can go on with.
         self.seeded, self.begun = False, False
-        self._seeds: list[tuple[np.int64, int]] = []
+        self._seeds: dict[int, int] = {}  # of worlds whose reset is yet to come
         self._shape = (number, len(task.agents), task.action_size)
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
         """Give some worlds new seeds; the reset that has to follow begins episode 0 of them."""
-        self._seeds += zip(which, seeds, strict=True)
+        self._seeds |= zip(which.tolist(), seeds, strict=True)
 
     def reset(self, which: NDArray[np.int64], options: Mapping[str, Any] | None = None) -> None:
         """Begin the next episode of some worlds.
@@ -107,11 +107,11 @@ class Worlds:
         Raises:
             ValueError: Faults that cannot be, or for another number of worlds.
         """
-        seeds, self._seeds = self._seeds, []
+        seeds, self._seeds = self._seeds, {}
         options = checked_options(options)
         _warn_of_slips(options)
         plans = self._plans(which, options)
-        for world, seed in seeds:  # only now, so that options that are refused change nothing
+        for world, seed in seeds.items():  # only now, so that options that are refused change nothing
             self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
             self.episodes[world] = _LOW
         self.seeded = True
@@ -158,7 +158,7 @@ class Worlds:
     def seed_of(self, world: int) -> int:
         """The seed that a world was last given."""
         low, high = self.keys[world].tolist()
-        return int(low | high << 64)
+        return self._seeds.get(world, int(low | high << 64))
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
