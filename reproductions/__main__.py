@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
 from reproductions.record import FULL, QUICK
 from reproductions.registry import chosen, find_all
 from reproductions.results import read
 from reproductions.running import is_current, run
+from thruster_envs.text_files import printable
 
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
@@ -28,17 +30,38 @@ def main(arguments: list[str]) -> int:
         command.add_argument("--output", type=Path, help="folder of the results; docs/results by default")
     options = parser.parse_args(arguments)
     if options.command == "list":
-        show_list(options.output or RESULTS)
+        try:
+            show_list(options.output or RESULTS)
+        except ValueError as damaged:
+            print(damaged, file=sys.stderr)
+            return 2
         return 0
     if options.processes < 1:
         parser.error(f"--processes is {options.processes}; one or more would be right")
+    folder = options.output or (None if options.quick else RESULTS)
     try:
         wanted = chosen(options.ids, find_all())
-    except ValueError as unknown:
-        print(unknown, file=sys.stderr)
+        if folder is not None:  # before any work is done, which could not be written otherwise
+            check_folder(folder)
+    except ValueError as problem:
+        print(problem, file=sys.stderr)
         return 2
-    folder = options.output or (None if options.quick else RESULTS)
     return run(wanted, QUICK if options.quick else FULL, folder, options.resume, options.processes)
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder of the results.
+
+    Raises:
+        ValueError: A folder that cannot be made or written in, or that has results that cannot be read.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(f"{printable(folder)}: cannot be written in: {error.strerror or error}") from None
+    read(folder)
 
 
 def show_list(folder: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from reproductions.figures import look
 from reproductions.record import Effort, Finding, Reproduction
 from reproductions.registry import fingerprint, order
+from thruster_envs.text_files import printable, read_text
 
 __all__ = ["FIGURES", "Entry", "entry_of", "merge", "read", "render"]
 
@@ -23,6 +24,8 @@ Entry: TypeAlias = dict[str, Any]
 DATA = "reproductions.json"
 PAGE = "reproductions.md"
 FIGURES = "reproductions"
+
+_LARGEST = 100_000_000  # bytes of the data
 
 
 def entry_of(reproduction: Reproduction, effort: Effort, folder: Path | None) -> Entry:
@@ -77,9 +80,38 @@ def plain(value: Any) -> Any:
 
 
 def read(folder: Path) -> dict[str, Entry]:
-    """The entries in a folder, by id; none if nothing was written there yet."""
+    """The entries in a folder, by id; none if nothing was written there yet.
+
+    Raises:
+        ValueError: A file that is damaged, or not of this program: one line that begins with its name.
+    """
     path = folder / DATA
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if not path.exists():
+        return {}
+    text = read_text(path, largest=_LARGEST)
+    try:
+        kept = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deep" if isinstance(error, RecursionError) else error
+        raise ValueError(f"{printable(path)}: not JSON: {reason}") from None
+    if not isinstance(kept, dict) or not all(map(_is_entry, kept.values())):
+        raise ValueError(
+            f"{printable(path)}: must be results as `python -m reproductions run` writes them; "
+            "move the file away, or give another --output"
+        )
+    return kept
+
+
+def _is_entry(value: Any) -> bool:
+    texts = ("id", "title", "source", "lines", "reported", "criterion", "ours", "verdict", "fingerprint")
+    return (
+        isinstance(value, dict)
+        and all(isinstance(value.get(name), str) for name in texts)
+        and all(name in value for name in ("reason", "note", "figure", "data"))
+        and isinstance(value.get("checks"), dict)
+        and isinstance(value.get("tables"), list)
+        and isinstance(value.get("effort"), dict)
+    )
 
 
 def merge(entries: list[Entry], folder: Path) -> None:

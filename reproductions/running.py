@@ -48,11 +48,11 @@ def run(
                 failures += 1
                 print(f"{where}: broke off\n{entry}", flush=True)
                 continue
+            if folder is not None:
+                merge([entry], folder)
             print(f"{where}: {entry['verdict']}\n    {entry['ours']}", flush=True)
             if entry["reason"]:
                 print(f"    {entry['reason']}", flush=True)
-            if folder is not None:
-                merge([entry], folder)
     except KeyboardInterrupt:
         print("Stopped; what was finished is written, and --resume goes on from there.")
         return 130

@@ -1,6 +1,7 @@
 """Frozen configurations and the plain mappings that they travel as."""
 
 import dataclasses
+import enum
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from thruster_envs.configuration import coerce_fields, from_mapping, to_mapping
+from thruster_envs.configuration import coerce_fields, from_mapping, shown, to_mapping
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,74 @@ def test_loose_values_become_what_the_fields_declare():
     assert [type(value) for value in (loose.count, *loose.pair, loose.limit)] == [int, int, float, float]
 
 
+class Speed(enum.StrEnum):
+    """A mode as a member of an enumeration."""
+
+    SLOW = "slow"
+
+
+class Size(enum.IntEnum):
+    """A whole number as a member of an enumeration."""
+
+    LARGE = 3
+
+
+def test_fields_hold_pythons_own_types_whatever_gave_them():
+    loose = Outer(
+        count=Size.LARGE,
+        mode=Speed.SLOW,
+        inner={"size": np.array(2.0), "label": np.str_("x")},
+        pair=np.array([4, 5]),
+        named={Speed.SLOW: Inner(7.0)},
+        limit=np.longdouble(0.5),
+        switch=np.bool_(True),
+    )
+    assert loose == Outer(
+        count=3, mode="slow", inner=Inner(2.0, "x"), pair=(4, 5.0), named={"slow": Inner(7.0)},
+        limit=0.5, switch=True,
+    )  # fmt: skip
+    assert (type(loose.count), type(loose.mode), type(loose.limit)) == (int, str, float)
+    assert [type(key) for key in loose.named] == [str]
+    assert "Speed" not in repr(loose)
+
+
+def test_values_are_shown_on_one_short_line():
+    assert shown("a\nb") == r"'a\nb'"
+    assert shown(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
+    assert shown(10**100) == "1" + "0" * 76 + "..."
+    assert shown(-(10**5000)) == "<int of 16610 bits>"
+    assert shown([10**5000]) == "<list that cannot be printed>"
+    assert shown({"a": 10**5000}) == "<dict that cannot be printed>"
+
+
+@dataclass(frozen=True)
+class Either:
+    some: tuple[str, ...] | Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        coerce_fields(self)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (["a", 3], r"^some, entry 2 is 3; a value of type str would be right$"),
+        ({"a": "b"}, r"^some, 'a' is 'b'; a number would be right$"),
+        (3, r"^some is 3; a list would be right$"),
+    ],
+)
+def test_of_two_types_the_error_is_about_the_one_that_was_meant(value, message):
+    with pytest.raises(ValueError, match=message):
+        Either(value)
+
+
 @pytest.mark.parametrize(
     ("mapping", "message"),
     [
+        ({"count": 10**30}, r"^file: count must be a whole number of 64 bits, got 1000"),
+        ({"count": 1e300}, r"^file: count must be a whole number of 64 bits, got 1000"),
+        ({"count": 1, "limit": -(10**400)}, r"^file: limit must be within \+/-1\.8e\+308, got -1000"),
+        ({"count": 1, "named": {10**5000: {}}}, r"^file: named, key <int of 16610 bits> is <int of 16610"),
         ({"count": 1, "moed": "fast"}, r"^file: unknown key 'moed'; did you mean 'mode'\?$"),
         ({}, r"^file: the key 'count' is missing$"),
         ({"count": 1.5}, r"^file: count is 1\.5; a whole number would be right$"),

@@ -22,10 +22,12 @@ import pickle
 import re
 import shutil
 import sys
-import tempfile
+import sysconfig
 import time
+import uuid
 from collections.abc import Callable
 from functools import cache
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
@@ -93,50 +95,78 @@ def source_hash(module: str, file: str | None = None) -> str:
 
 
 def sources_of(module: str, file: str | None = None) -> dict[str, bytes]:
-    """Sources by name: of a module, and of all that it imports, directly or not, of its package and of ours.
+    """Sources by name: of a module, and of all that it imports, directly or not.
 
-    Names that are imported and are not those of modules are there too, with nothing.
+    Of what is installed with Python or beside it, only the module's own package and ours are followed. Names
+    that are imported and are not those of modules are there too, with nothing.
     """
-    packages = {*_PACKAGES, module.partition(".")[0]}
+    own = {*_PACKAGES, module.partition(".")[0]}
     sources: dict[str, bytes] = {}
-    waiting = {module}
+    waiting = {(module, file)}
     while waiting:
-        name = waiting.pop()
-        sources[name] = _source(name, file if name == module else None)
-        found = {one for one in _imports(sources[name]) if one.partition(".")[0] in packages}
-        waiting |= found - sources.keys()
+        name, path = waiting.pop()
+        path = path or _file_of(name)
+        sources[name] = _source(path)
+        package = name if path and path.endswith("__init__.py") else name.rpartition(".")[0]
+        for one in _imports(sources[name]):
+            full = _absolute(one, package)
+            top = full.partition(".")[0]
+            if full not in sources and (top in own or (top and not _installed(top))):
+                waiting.add((full, None))
     return sources
 
 
+def _absolute(name: str, package: str) -> str:
+    """The full name of a module that is imported in a package by that name, which may be relative."""
+    level = len(name) - len(name.lstrip("."))
+    if level == 0:
+        return name
+    kept = package.split(".")[: len(package.split(".")) - level + 1]
+    return ".".join([*kept, name[level:]]).rstrip(".") if package else name[level:]
+
+
 @cache
-def _source(module: str, file: str | None) -> bytes:
-    """The source of a module, loaded or not; nothing where a name is not that of a module."""
-    path = _file_of(module) if file is None else Path(file)
+def _source(path: str | None) -> bytes:
+    """What stands in a file; nothing where there is none."""
     try:
-        return b"" if path is None else path.read_bytes()
+        return b"" if path is None else Path(path).read_bytes()
     except OSError:
         return b""
 
 
-def _file_of(module: str) -> Path | None:
-    package, *rest = module.split(".")
-    for folder in _folders(package):
-        path = folder.joinpath(*rest)
-        if path.is_dir():
-            return path / "__init__.py"
-        if rest and (path := path.with_suffix(".py")).is_file():
-            return path
-    return None
+def _file_of(module: str) -> str | None:
+    """The file of a module, loaded or not; None for a name that is not that of a module."""
+    top, *rest = module.split(".")
+    spec = _spec(top)
+    if spec is None:
+        return None
+    for folder in spec.submodule_search_locations or ():
+        path = os.path.join(folder, *rest)
+        if os.path.isdir(path):
+            return os.path.join(path, "__init__.py")
+        if rest and os.path.isfile(f"{path}.py"):
+            return f"{path}.py"
+    return None if rest else spec.origin
 
 
 @cache
-def _folders(package: str) -> tuple[Path, ...]:
-    """The folders of a package by its name; none for a single module."""
+def _spec(top: str) -> ModuleSpec | None:
     try:
-        spec = importlib.util.find_spec(package)
+        return importlib.util.find_spec(top)
     except (ImportError, ValueError):  # not to be found, or `__main__`
-        return ()
-    return () if spec is None else tuple(map(Path, spec.submodule_search_locations or ()))
+        return None
+
+
+@cache
+def _installed(top: str) -> bool:
+    """Whether a top-level module came with Python or stands where packages are installed."""
+    spec = _spec(top)
+    if spec is None or spec.origin is None or not os.path.isabs(spec.origin):
+        return True
+    paths = sysconfig.get_paths()
+    return spec.origin.startswith(
+        tuple(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+    )
 
 
 _COMMENT = re.compile(rb"#[^\n]*")
@@ -148,10 +178,12 @@ _NAME = re.compile(rb"[\w.]+")
 
 @cache
 def _imports(source: bytes) -> frozenset[str]:
-    """Names of modules that a source imports, and names that may be modules."""
+    """Names that a source imports and that may be those of modules; relative ones begin with dots."""
     names: set[bytes] = set()
     for package, taken, plain in _IMPORT.findall(_COMMENT.sub(b"", source)):
-        names |= {package} | {package + b"." + name for name in _NAME.findall(taken)} if package else set()
+        if package:
+            within = package if package.endswith(b".") else package + b"."
+            names |= {package} | {within + name for name in _NAME.findall(taken)}
         names |= set(_NAME.findall(plain))
     return frozenset(name.decode() for name in names)
 
@@ -223,13 +255,12 @@ class _KernelCache(Cache):
 
 def _write(path: Path, data: bytes) -> None:
     """Replace a file whole."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+    new = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.replace(name, path)
+        new.write_bytes(data)
+        os.replace(new, path)
     except OSError:
-        Path(name).unlink(missing_ok=True)
+        new.unlink(missing_ok=True)
         raise
 
 

@@ -1,8 +1,10 @@
 """What a distribution of faults can be, its table, and what a user may pass as faults."""
 
+import copy
 import dataclasses
 import json
 import math
+import pickle
 import re
 
 import numpy as np
@@ -75,11 +77,16 @@ def test_kinds_that_are_listed_are_equally_likely():
 
 
 @pytest.mark.parametrize("distribution", [FaultDistribution(), FULL])
-def test_distributions_survive_json(distribution):
-    again = as_faults(json.loads(json.dumps(dataclasses.asdict(distribution))))
-    assert again == distribution
-    assert hash(again) == hash(distribution)
-    np.testing.assert_array_equal(again.encode(), distribution.encode())
+def test_distributions_survive_json_pickle_and_copies(distribution):
+    for again in (
+        as_faults(json.loads(json.dumps(dataclasses.asdict(distribution)))),
+        pickle.loads(pickle.dumps(distribution)),
+        copy.deepcopy(distribution),
+        dataclasses.replace(distribution),
+    ):
+        assert again == distribution
+        assert hash(again) == hash(distribution)
+        np.testing.assert_array_equal(again.encode(), distribution.encode())
 
 
 BAD = {
@@ -118,6 +125,22 @@ BAD = {
     "thruster 0": ({"thrusters": (0, 1)}, "thrusters is (0, 1); a list of numbers from 1, or None,"),
     "no thrusters": ({"thrusters": ()}, "thrusters is (); a list of numbers from 1"),
     "thruster twice": ({"thrusters": (1, 1)}, "thrusters is (1, 1); each number once"),
+    "weights without a finite sum": ({"kinds": {"loss": 1e308, "leak": 1e308}}, "weights with a finite sum"),
+    "wave of no length": (
+        {"profiles": ("sine",), "profile_time": (1e-300, 1.0)},
+        "profile_time must be at least 1e-06 s, got 1e-300 s",
+    ),
+    "grid finer than numbers": (
+        {"onset": (0.0, 100.0), "onset_grid": 1e-300},
+        "onset_grid must be 0, or at least 1e-13 s with this onset, got 1e-300 s",
+    ),
+    "thruster of 401 digits": (
+        {"thrusters": (10**400,)},
+        "thrusters, entry 1 must be a whole number of 64 bits, got 1000",
+    ),
+    "count of 401 digits": ({"count": (1, 10**400)}, "count, entry 2 must be a whole number of 64 bits"),
+    "weight beyond floats": ({"kinds": {"loss": 10**400}}, "kinds, 'loss' must be within +/-1.8e+308"),
+    "kinds as text": ({"kinds": "loss"}, "kinds is 'loss'; a list would be right"),
     "negative grid": ({"onset_grid": -1.0}, "onset_grid is -1.0; a finite number of s, zero or more"),
 }
 
@@ -153,6 +176,11 @@ def test_everything_a_user_may_pass():
     ("argument", "message"),
     [
         ("stuck_off", "faults is 'stuck_off'; a Fault, a FaultDistribution"),
+        ("x" * 10**6, f"faults is '{'x' * 76}...; a Fault, a FaultDistribution"),
+        (["x" * 10**6], f"faults, entry 1: '{'x' * 76}... is not a mapping of the fields of Fault"),
+        ({"x" * 10**6: 1}, "...; a mapping with 'thruster' and 'kind'"),
+        ([[Fault(1, "loss")]], "faults, entry 1: [Fault(thruster=1, kind='loss', severity=1.0, "),
+        (b"loss", "faults is b'loss'; a Fault, a FaultDistribution"),
         (3, "faults is 3; a Fault, a FaultDistribution"),
         ({}, "a mapping with 'thruster' and 'kind', or one with 'probability', would be right"),
         ({"thruster": 1}, "faults: the key 'kind' is missing"),

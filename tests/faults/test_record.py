@@ -1,8 +1,10 @@
 """What a fault can be, and what it cannot."""
 
+import copy
 import dataclasses
 import json
 import math
+import pickle
 import re
 
 import pytest
@@ -17,7 +19,10 @@ from thruster_envs.faults import (
     MODULATOR_KINDS,
     PROFILES,
     Fault,
+    FaultDistribution,
     as_faults,
+    decode,
+    encode,
 )
 
 
@@ -29,6 +34,27 @@ def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
     assert MODULATOR_KINDS == ("slow_opening",)
     assert KINDS == GENERAL_KINDS + DISCHARGE_KINDS + MODULATOR_KINDS
     assert PROFILES == ("step", "ramp", "sine", "intermittent")
+
+
+WORST = {"propellant_loss": 0.995, "electrode_sediment": 0.75}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_can_be_had_by_its_name_alone(kind):
+    fault = Fault(1, kind)
+    assert fault.severity == WORST.get(kind, 1.0)
+    assert type(fault.severity) is float
+    mapping = {"thruster": 1, "kind": kind}
+    assert as_faults(mapping) == as_faults([mapping]) == as_faults(fault) == as_faults([fault]) == (fault,)
+    assert as_faults(json.loads(json.dumps(dataclasses.asdict(fault)))) == (fault,)
+    assert decode(encode([fault], 1, 8, slots=2)) == [fault]
+    for again in (pickle.loads(pickle.dumps(fault)), copy.deepcopy(fault), dataclasses.replace(fault)):
+        assert again == fault
+        assert hash(again) == hash(fault)
+    low, high = FaultDistribution(kinds=(kind,)).severity[kind]
+    assert (
+        Fault(1, kind, severity=low).severity <= Fault(1, kind, severity=high).severity <= fault.severity * 2
+    )
 
 
 def test_fault_is_total_at_once_and_for_good_unless_told_otherwise():
@@ -95,6 +121,26 @@ BAD = {
         {"kind": "conductivity_loss", "severity": 2.0},
         "severity of a 'conductivity_loss' fault is 2.0; a resistance from 0 to 1 ohm would be right",
     ),
+    "never following": (
+        {"kind": "slow_opening", "severity": 1e5},
+        "severity of a 'slow_opening' fault is 100000.0; a time from 0 to 10000 s would be right",
+    ),
+    "wave of no length": (
+        {"profile": "sine", "profile_time": 1e-300},
+        "profile_time must be at least 1e-06 s, got 1e-300 s",
+    ),
+    "thruster of 401 digits": (
+        {"thruster": 10**400},
+        f"thruster must be a whole number of 64 bits, got 1{'0' * 76}...",
+    ),
+    "craft of 5000 digits": (
+        {"craft": 10**5000},
+        "craft must be a whole number of 64 bits, got <int of 16610",
+    ),
+    "onset beyond floats": ({"onset": 10**400}, "onset must be within +/-1.8e+308, got 1000"),
+    "kind of a book": ({"kind": "k" * 10**6}, f"kind '{'k' * 76}... is unknown; known are stuck_off"),
+    "no kind": ({"kind": None}, "kind is None; a value of type str would be right"),
+    "list of kinds": ({"kind": ["loss"]}, "kind is ['loss']; a value of type str would be right"),
     "half shared": ({"shared": 0.5}, "shared is 0.5; a value of type bool would be right"),
     "negative onset": ({"onset": -1.0}, "onset is -1.0; a finite number of s, zero or more"),
     "no onset": ({"onset": math.inf}, "onset is inf; a finite number of s"),

@@ -158,6 +158,41 @@ def test_an_unknown_id_gets_one_line_that_names_the_nearest(capsys):
     assert capsys.readouterr().err == "there is no reproduction 'E200'; the nearest is E20\n"
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not JSON: Expecting value: line 1 column 1"),
+        (b'{"T1": {"id"', "not JSON: "),
+        (b"[" * 100_000, "not JSON: "),
+        ("{}".encode("utf-16"), "must be UTF-8 text, got UTF-16"),
+        (b"[]", "must be results as `python -m reproductions run` writes them"),
+        (b'{"T1": {"id": "T1"}}', "must be results as `python -m reproductions run` writes them"),
+    ],
+    ids=["empty", "half", "deep", "UTF-16", "a list", "an entry that lacks something"],
+)
+def test_damaged_results_get_one_line_before_any_work(content, message, tmp_path, capsys):
+    path = tmp_path / "reproductions.json"
+    path.write_bytes(content)
+    for command in (["run", "E20", "--quick"], ["list"]):
+        assert main([*command, "--output", str(tmp_path)]) == 2
+        said = capsys.readouterr()
+        assert said.err.startswith(f"{path}: {message}")
+        assert said.err.count("\n") == 1
+        assert said.out == ""
+    assert path.read_bytes() == content
+
+
+def test_output_that_is_a_file_gets_one_line_before_any_work(tmp_path, capsys):
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / ("n" * 300)):
+        assert main(["run", "E20", "--quick", "--output", str(folder)]) == 2
+        said = capsys.readouterr()
+        assert said.err.startswith(f"{folder}: cannot be written in: ")
+        assert said.err.count("\n") == 1
+        assert said.out == ""
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
+
+
 def test_ids_are_run_in_order_and_once():
     assert [one.id for one in chosen(["E22", "E20", "E22"], REGISTERED)] == ["E20", "E22"]
     assert [one.id for one in chosen(["all"], REGISTERED)] == sorted(REGISTERED, key=order)

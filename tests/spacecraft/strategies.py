@@ -15,8 +15,9 @@ DIRECTIONS = st.tuples(COORDINATES, COORDINATES, COORDINATES).filter(lambda vect
 
 @st.composite
 def inertias(draw):
-    """Symmetric, positive definite, well away from singular, kg m^2."""
-    moments = np.diag([draw(st.floats(0.01, 100.0)) for _ in range(3)])
+    """Of bodies that are extended along all three axes, well away from singular, kg m^2."""
+    spread = np.array([draw(st.floats(0.01, 100.0)) for _ in range(3)])  # mean squares times mass, per axis
+    moments = np.diag(spread.sum() - spread)
     axis = np.array(draw(DIRECTIONS))
     axis /= np.abs(axis).max()  # the square of a tiny vector would underflow
     reflection = np.eye(3) - 2.0 * np.outer(axis, axis) / np.dot(axis, axis)

@@ -1,24 +1,49 @@
 """What a spacecraft can be, what it cannot, and that geometry gives the matrix."""
 
+import copy
 import dataclasses
 import json
+import pickle
 import re
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given
 
 from tests.spacecraft.strategies import DIRECTIONS, spacecraft
-from thruster_envs.spacecraft import Feed, Sensors, Spacecraft, Thruster, load, objective_weights
+from thruster_envs.spacecraft import (
+    Feed,
+    Sensors,
+    Spacecraft,
+    Thruster,
+    catalogue,
+    load,
+    objective_weights,
+)
 
 THRUSTER = {"name": "a", "position": [0.0, 0.5, 0.0], "direction": [1.0, 0.0, 0.0], "thrust": 2.0}
 CRAFT = {
     "name": "box",
     "mass": 4.0,
-    "inertia": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]],
+    "inertia": [[3.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]],
     "thrusters": [THRUSTER],
 }
 DIAGONAL = CRAFT["inertia"]
+
+
+DISCHARGE = dataclasses.asdict(load("ppt_cubesat").discharge)
+CIRCLE: list[object] = []
+CIRCLE.append(CIRCLE)
+
+
+def deep(levels):
+    """A list in a list in a list."""
+    nested = []
+    for _ in range(levels):
+        nested = [nested]
+    return nested
 
 
 def with_thruster(**changes):
@@ -108,6 +133,40 @@ def test_descriptions_are_frozen_and_changed_by_replacement():
     assert craft.mass == 4.0
 
 
+def rotated(first, second, third):
+    """An inertia of these principal moments about other axes than those of the body."""
+    axes = np.linalg.qr(np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 0.3], [0.2, -0.4, 1.0]]))[0]
+    matrix = axes @ np.diag([first, second, third]) @ axes.T
+    return ((matrix + matrix.T) / 2.0).tolist()
+
+
+@pytest.mark.parametrize(
+    "moments", [(1.0, 1.0, 2.0), (1e-3, 1e-3, 1e-3), (1e-9, 1.0, 1.0), (0.1, 0.2, 0.3), (3e9, 4e9, 7e9)]
+)
+def test_bodies_as_thin_as_a_plate_or_a_rod_are_accepted(moments):
+    for inertia in (np.diag(moments).tolist(), rotated(*moments)):
+        assert np.isfinite(load({**CRAFT, "inertia": inertia}).effectiveness()).all()
+
+
+@pytest.mark.parametrize("moments", [(1.0, 1.0, 2.001), (1.0, 2.0, 4.0), (1e-3, 1e-3, 3e-3), (1.0, 1e6, 2e6)])
+def test_moments_that_break_the_triangle_inequality_are_refused(moments):
+    for inertia in (np.diag(moments).tolist(), np.diag(moments[::-1]).tolist(), rotated(*moments)):
+        with pytest.raises(ValueError, match="must be that of a body, each principal moment at most the sum"):
+            load({**CRAFT, "inertia": inertia})
+    with pytest.raises(ValueError, match=re.escape("got 1, 2 and 4 kg m^2")):
+        load("orion").replace(inertia=np.diag([4.0, 1.0, 2.0]))
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_pickles_and_copies_are_equal_and_vehicles_are_keys(name):
+    craft = load(name)
+    for again in (pickle.loads(pickle.dumps(craft)), copy.deepcopy(craft), copy.copy(craft)):
+        assert again == craft
+        assert hash(again) == hash(craft)
+    assert {craft: 1}[load(name)] == 1
+    assert repr(craft).startswith(f"Spacecraft(name={name!r}, mass=")
+
+
 BAD = {
     "negative mass": ({**CRAFT, "mass": -4.0}, "mass is -4.0; a positive number of kg would be right"),
     "infinite mass": ({**CRAFT, "mass": np.inf}, "mass is inf; a positive number of kg"),
@@ -121,6 +180,74 @@ BAD = {
     "inertia singular": ({**CRAFT, "inertia": [[1, 0, 0], [0, 0, 0], [0, 0, 4]]}, "not positive definite"),
     "inertia not symmetric": ({**CRAFT, "inertia": [[1, 0.1, 0], [0, 2, 0], [0, 0, 4]]}, "is not symmetric"),
     "inertia infinite": ({**CRAFT, "inertia": [[np.inf, 0, 0], [0, 2, 0], [0, 0, 4]]}, "nine finite numbers"),
+    "inertia of zeros": ({**CRAFT, "inertia": [[0, 0, 0]] * 3}, "positive principal moments, got nine zeros"),
+    "inertia all but singular": (
+        {**CRAFT, "inertia": [[1, 0, 0], [0, 1e-14, 0], [0, 0, 1]]},
+        "not positive definite: its smallest principal moment is 1e-14 kg m^2",
+    ),
+    "inertia tiny": (
+        {**CRAFT, "inertia": (np.eye(3) * 1e-300).tolist()},
+        "inertia: its largest entry must be from 1e-15 to 1e+15 kg m^2, got 1e-300",
+    ),
+    "mass beyond floats": (
+        {**CRAFT, "mass": 10**400},
+        f"mass must be within +/-1.8e+308, got 1{'0' * 76}...",
+    ),
+    "mass of 5000 digits": ({**CRAFT, "mass": 10**5000}, "got <int of 16610 bits>"),
+    "mass of a star": ({**CRAFT, "mass": 2e30}, "mass must be from 1e-15 to 1e+15 kg, got 2e+30"),
+    "mass as an exact number": ({**CRAFT, "mass": Decimal(4)}, "mass is Decimal('4'); a number"),
+    "mass as a share": ({**CRAFT, "mass": Fraction(4)}, "mass is Fraction(4, 1); a number"),
+    "mass as a complex number": ({**CRAFT, "mass": 4 + 0j}, "mass is (4+0j); a number would be right"),
+    "mass as an array": ({**CRAFT, "mass": np.array([4.0])}, "mass is array([4.]); a number would be right"),
+    "mass as a time": ({**CRAFT, "mass": np.timedelta64(4, "s")}, "; a number would be right"),
+    "inertia of complex numbers": ({**CRAFT, "inertia": np.eye(3) * 1j}, "inertia, entry 1, entry 1 is 1j"),
+    "inertia of objects": ({**CRAFT, "inertia": np.full((3, 3), None)}, "entry 1 is None; a number"),
+    "inertia of three axes": (
+        {**CRAFT, "inertia": np.ones((3, 3, 3))},
+        "entry 1 is [1.0, 1.0, 1.0]; a number",
+    ),
+    "inertia of no axis": ({**CRAFT, "inertia": np.array(3.0)}, "inertia is 3.0; a list would be right"),
+    "inertia that holds itself": ({**CRAFT, "inertia": CIRCLE}, "inertia has 1 entries; 3 would be right"),
+    "inertia nested deep": ({**CRAFT, "inertia": deep(100_000)}, "inertia has 1 entries; 3 would be right"),
+    "mass nested deep": (
+        {**CRAFT, "mass": deep(100_000)},
+        "mass is <list that cannot be printed>; a number would be right",
+    ),
+    "position of bytes": (with_thruster(position=b"abc"), "position is b'abc'; a list would be right"),
+    "position of more bytes": (with_thruster(position=bytearray(3)), "position is bytearray("),
+    "huge position": (
+        with_thruster(position=[0, 1e200, 0]),
+        "position must be from -1e+15 to 1e+15 m, got 1e+200",
+    ),
+    "tiny thrust": (with_thruster(thrust=5e-324), "thrust must be from 1e-15 to 1e+15 N, got 5e-324"),
+    "long lag": (
+        with_thruster(time_constant=1e5),
+        "thruster 'a': time_constant must be from 0 to 10000 s, got 100000.0",
+    ),
+    "capacitor beyond 64 bits": (
+        with_thruster(capacitor=10**30),
+        f"capacitor must be a whole number of 64 bits, got {10**30}",
+    ),
+    "name of a book": (with_thruster(name="x" * 10**6, thrust=0), f"thruster '{'x' * 76}...: thrust is 0.0"),
+    "key of a book": ({**CRAFT, "k" * 10**6: 1}, f"unknown key '{'k' * 76}...; known are name, mass"),
+    "key of 5000 digits": ({**CRAFT, 10**5000: 1}, "unknown key <int of 16610 bits>; known are name, mass"),
+    "orbit of a second": (
+        {**CRAFT, "mean_motion": 6.3},
+        "mean_motion must be from 1e-15 to 1 rad/s, got 6.3",
+    ),
+    "no orbit": ({**CRAFT, "mean_motion": 1e-300}, "mean_motion must be from 1e-15 to 1 rad/s, got 1e-300"),
+    "delay of an age": (
+        {**CRAFT, "modulator": {"delay": 1e9}},
+        "the delay of a pulse's end must be at most 1000 control periods, 5000 s, got 1e+09 s",
+    ),
+    "discharge of a million samples": (
+        {**CRAFT, "discharge": {**DISCHARGE, "duration": 1.0}},
+        "discharge: duration must be at most 1,000,000 times the sample_time, got 1e+08",
+    ),
+    "discharge of ever": (
+        {**CRAFT, "discharge": {**DISCHARGE, "duration": 1e308, "sample_time": 1e-10}},
+        "discharge: duration must be from 1e-15 to 1e+15 s, got 1e+308",
+    ),
     "inertia too short": (
         {**CRAFT, "inertia": [[1, 0, 0], [0, 2, 0]]},
         "inertia has 2 entries; 3 would be right",

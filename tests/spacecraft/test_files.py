@@ -13,7 +13,7 @@ from thruster_envs.spacecraft import Thruster, catalogue, load, save
 MINIMAL = """
 name = "box"
 mass = 4
-inertia = [[1, 0, 0], [0, 2, 0], [0, 0, 4]]
+inertia = [[3, 0, 0], [0, 2, 0], [0, 0, 4]]
 
 [thruster_defaults]
 thrust = 2.0

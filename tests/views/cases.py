@@ -75,12 +75,18 @@ def actions_of(identifier: str, world: int, steps: int) -> np.ndarray:
     Where there are options to choose, those of a pause are the first ones.
     """
     generator, space = np.random.default_rng(1000 + world), space_of(identifier)
-    if isinstance(space, gym.spaces.MultiDiscrete):
-        actions, pause = generator.integers(0, space.nvec, (steps, *space.shape)), 0
+    if has_options(space):
+        most = space.n if isinstance(space, gym.spaces.Discrete) else space.nvec
+        actions, pause = generator.integers(0, most, (steps, *space.shape)), 0
     else:
         actions, pause = generator.uniform(-1.0, 1.0, (steps, *space.shape)).astype(np.float32), -1.0
     actions[generator.random(actions.shape) < 0.5 + 0.5 * (world % 2)] = pause
     return actions
+
+
+def has_options(space: gym.Space[Any]) -> bool:
+    """Whether an action is options to choose, not duties."""
+    return isinstance(space, gym.spaces.Discrete | gym.spaces.MultiDiscrete)
 
 
 def space_of(identifier: str) -> gym.Space[Any]:
@@ -91,7 +97,7 @@ def space_of(identifier: str) -> gym.Space[Any]:
 def constant(identifier: str, duty: float) -> np.ndarray:
     """One action: this duty for every thruster, -1..1; where there are options, the first of each."""
     space = space_of(identifier)
-    if isinstance(space, gym.spaces.MultiDiscrete):
+    if has_options(space):
         return np.zeros(space.shape, np.int64)
     return np.full(space.shape, duty, np.float32)
 

@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from tests.views.cases import FAULTS, IDS, constant, faults_of
+from tests.views.cases import FAULTS, IDS, constant, faults_of, has_options
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.faults import Fault
 from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv, VectorHoldAction, VectorMapperAction
@@ -78,7 +78,7 @@ def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifi
         endings["truncated"] += np.count_nonzero(truncated & ~terminated)
         return rewards, terminated, truncated, infos["final_obs"] if done.any() else observations
 
-    options = isinstance(model.action_space, gym.spaces.MultiDiscrete)
+    options = has_options(model.action_space)
     actions = buffer.actions if options else np.clip(buffer.actions, -1.0, 1.0)
     rewards = bootstrapped(model, actions, step, STEPS)
     assert endings["truncated"] >= 4
@@ -222,7 +222,10 @@ def twice(env):
 INDIFFERENT = {
     "nothing": (),
     "rewards": (twice, lambda env: wrappers.ClipReward(env, -0.5, 0.5)),
-    "actions": (lambda env: wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0)), wrappers.ClipAction),
+    "actions": (
+        lambda env: wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0)),
+        wrappers.ClipAction,
+    ),
     "mapper": (lambda env: VectorMapperAction(env, LPMapper("orion", threads=1)), twice),
     "hold": (lambda env: VectorHoldAction(env, 2), twice),
 }

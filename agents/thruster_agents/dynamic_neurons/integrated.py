@@ -210,10 +210,8 @@ class IntegratedClassifier:
         content = read_description(Path(folder), _KIND, ("lower",))
         high_level = HighLevelClassifier.load(Path(folder) / "high_level")
         classifier = cls(high_level, LowLevelClassifier.load(Path(folder) / "low_level"))
-        lower = content["lower"]
-        if lower is not None and type(lower) not in (int, float):
-            raise ValueError(f"{folder}: lower is {lower!r}; a number would be right")
-        classifier.lower = lower
+        if content["lower"] is not None:
+            classifier.lower = number_of(content["lower"], f"{folder}: lower")
         return classifier
 
 

@@ -21,6 +21,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from thruster_baselines.control.approach import ApproachController
+from thruster_envs.construction import rebuilt, record_of
 from thruster_envs.protocols import BoolArray, FloatArray, NavigationDetector, ResidualDetector
 
 __all__ = ["DiagnosisObservation", "VectorDiagnosisObservation"]
@@ -169,7 +170,8 @@ class DiagnosisObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
     """
 
     def __init__(self, env: gym.Env[Any, Any], detector: NavigationDetector) -> None:
-        RecordConstructorArgs.__init__(self, detector=detector)
+        detector = rebuilt(detector)
+        RecordConstructorArgs.__init__(self, detector=record_of(detector))
         gym.Wrapper.__init__(self, env)
         self._watch = _Watch(env, detector, 1)
         self.observation_space = self._watch.space(env.observation_space)

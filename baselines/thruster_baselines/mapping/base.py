@@ -21,13 +21,14 @@ from thruster_baselines.mapping.model import (
     require_finite_command,
 )
 from thruster_baselines.mapping.simplex import NOT_FINITE, OPTIMAL, solve_batch
+from thruster_envs.construction import RecordsArguments
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, objective_weights
 
 __all__ = ["BaseMapper", "ClosedFormMapper", "CompiledMapper", "SolverMapper", "WeightedMapper"]
 
 
-class BaseMapper(ABC):
+class BaseMapper(RecordsArguments, ABC):
     """A mapper that checks what a call brings and hands clean arrays on.
 
     Attributes:

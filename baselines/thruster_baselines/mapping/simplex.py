@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -37,6 +36,7 @@ from numba import njit
 
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.threads import run_shared
 
 __all__ = [
     "NOT_CONVERGED",
@@ -450,14 +450,7 @@ def in_threads(work: Callable[[int, int], object], batch: int, threads: int | No
         work(0, batch)
         return
     edges = np.linspace(0, batch, threads + 1).astype(int).tolist()
-    others = [
-        threading.Thread(target=work, args=(first, last)) for first, last in itertools.pairwise(edges[1:])
-    ]
-    for other in others:
-        other.start()
-    work(edges[0], edges[1])
-    for other in others:
-        other.join()
+    run_shared(work, list(itertools.pairwise(edges)))
 
 
 def _processors() -> int:

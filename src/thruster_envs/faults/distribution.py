@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thruster_envs.configuration import coerce_fields, from_mapping, require
+from thruster_envs.configuration import coerce_fields, from_mapping, require, shown
 from thruster_envs.faults.record import (
     GENERAL_KINDS,
     KINDS,
@@ -29,6 +29,7 @@ from thruster_envs.faults.record import (
     Fault,
     check_kind,
     check_profile,
+    check_profile_time,
     check_severity,
 )
 
@@ -48,6 +49,9 @@ DEFAULT_SEVERITY: dict[str, Range] = {
     "slow_opening": (0.1, 0.5),
 }
 """Range of the severity of each kind unless the distribution has another: shares, rad, s, ohm."""
+
+MOST_GRID_STEPS = 1e15
+"""Most steps of an onset grid up to the latest onset: whole numbers that a float holds exactly."""
 
 # Layout of `FaultDistribution.encode()`. A range is held as its lower end and its width, so that a draw is
 # `low + uniform * width`, which is right for an infinite `low` too.
@@ -127,6 +131,7 @@ class FaultDistribution:
             check_profile(profile)
         if self.profiles != ("step",) or "intermittent" in self.kind_weights():
             require(self.profile_time[0] > 0.0, "profile_time", self.profile_time, "a range above 0 s")
+            check_profile_time(self.profile_time[0])
         if self.thrusters is not None:
             choices = self.thrusters
             require(
@@ -138,6 +143,11 @@ class FaultDistribution:
             require(len(set(choices)) == len(choices), "thrusters", choices, "each number once")
         grid = self.onset_grid
         require(math.isfinite(grid) and grid >= 0.0, "onset_grid", grid, "a finite number of s, zero or more")
+        if grid > 0.0 and self.onset[1] / grid > MOST_GRID_STEPS:
+            finest = self.onset[1] / MOST_GRID_STEPS
+            raise ValueError(
+                f"onset_grid must be 0, or at least {finest:.3g} s with this onset, got {grid:g} s"
+            )
 
     def kind_weights(self) -> dict[str, float]:
         """The kinds that occur and their weights."""
@@ -212,6 +222,8 @@ class FaultDistribution:
                 )
         else:
             require(len(set(self.kinds)) == len(self.kinds), "kinds", self.kinds, "each kind once")
+        if not math.isfinite(sum(self.kind_weights().values())):
+            raise ValueError("kinds must have weights with a finite sum, got inf")
         require(len(self.kind_weights()) > 0, "kinds", self.kinds, "at least one kind with a weight above 0")
 
     def _check_severity(self) -> None:
@@ -245,8 +257,8 @@ def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
     if isinstance(argument, Mapping) and not _KEYS_OF_A_FAULT & argument.keys():
         if not _KEYS_OF_A_DISTRIBUTION & argument.keys():
             raise ValueError(
-                f"faults is {argument!r}; a mapping with 'thruster' and 'kind', or one with 'probability', "
-                "would be right"
+                f"faults is {shown(argument)}; a mapping with 'thruster' and 'kind', or one with "
+                "'probability', would be right"
             )
         return from_mapping(FaultDistribution, argument, "faults")
     if isinstance(argument, Fault | Mapping):
@@ -256,7 +268,7 @@ def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
             _as_fault(one, f"faults, entry {number}") for number, one in enumerate(argument, start=1)
         )
     raise ValueError(
-        f"faults is {argument!r}; a Fault, a FaultDistribution, a mapping of either's fields, "
+        f"faults is {shown(argument)}; a Fault, a FaultDistribution, a mapping of either's fields, "
         "a list of faults or None would be right"
     )
 

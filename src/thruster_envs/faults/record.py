@@ -16,7 +16,8 @@ import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal, get_args
 
-from thruster_envs.configuration import coerce_fields, require, suggestion
+from thruster_envs.configuration import coerce_fields, require, shown, suggestion
+from thruster_envs.spacecraft.description import LONGEST_LAG
 
 Kind = Literal[
     "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
@@ -56,6 +57,9 @@ LARGEST_SHARE: dict[str, float] = {"propellant_loss": 0.995, "electrode_sediment
 LARGEST_RESISTANCE = 1.0
 """Largest severity of a conductivity loss, ohm."""
 
+SHORTEST_PROFILE_TIME = 1e-6
+"""Shortest ramp or period of a wave, s."""
+
 DEFAULT_INTERMITTENT_PERIOD = 20.0
 """Period of an intermittent fault whose `profile_time` is not given, s."""
 
@@ -79,7 +83,8 @@ class Fault:
             - `electrode_sediment`: share of the electrodes' width that is lost; the thrust rises.
             - `conductivity_loss`: resistance added to the circuit, ohm; the thrust falls.
             - `slow_opening`: time added to the time constant with which the thrust rises and falls, s.
-        severity: As the kind has it; shares lie in 0..1.
+        severity: As the kind has it; shares lie in 0..1. Unless given, 1 in the unit of the kind, or the
+            largest that the kind can have where that is less (`default_severity`).
         onset: When it begins, s from the start of the episode.
         duration: How long it lasts, s; after that the thruster is sound again.
         profile: How the severity goes with the time since onset:
@@ -101,7 +106,7 @@ class Fault:
     thruster: int
     kind: str
     _: KW_ONLY
-    severity: float = 1.0
+    severity: float = None  # type: ignore[assignment]  # a number from __post_init__ on: it goes by the kind
     onset: float = 0.0
     duration: float = math.inf
     profile: str = "step"
@@ -112,6 +117,8 @@ class Fault:
     shared: bool = False
 
     def __post_init__(self) -> None:
+        if self.severity is None:
+            object.__setattr__(self, "severity", default_severity(self.kind))
         coerce_fields(self)
         require(self.thruster >= 1, "thruster", self.thruster, "a number from 1")
         require(self.craft >= 1, "craft", self.craft, "a number from 1")
@@ -146,28 +153,46 @@ class Fault:
                 self.profile_time,
                 "a positive number of s",
             )
+            check_profile_time(self.profile_time)
         require(0.0 < self.dwell <= 1.0, "dwell", self.dwell, "a share above 0 and up to 1")
         require(math.isfinite(self.azimuth), "azimuth", self.azimuth, "a finite number of rad")
+
+
+def default_severity(kind: object) -> float:
+    """Severity of a fault of this kind whose severity is not given.
+
+    >>> default_severity("stuck_off"), default_severity("electrode_sediment")
+    (1.0, 0.75)
+    """
+    return LARGEST_SHARE[kind] if isinstance(kind, str) and kind in LARGEST_SHARE else 1.0
 
 
 def check_kind(kind: str) -> None:
     """Raise a `ValueError` that names the nearest kind unless `kind` is one."""
     if kind not in KINDS:
-        raise ValueError(f"kind {kind!r} is unknown; {suggestion(kind, KINDS)}")
+        raise ValueError(f"kind {shown(kind)} is unknown; {suggestion(kind, KINDS)}")
 
 
 def check_profile(profile: str) -> None:
     """Raise a `ValueError` that names the nearest profile unless `profile` is one."""
     if profile not in PROFILES:
-        raise ValueError(f"profile {profile!r} is unknown; {suggestion(profile, PROFILES)}")
+        raise ValueError(f"profile {shown(profile)} is unknown; {suggestion(profile, PROFILES)}")
+
+
+def check_profile_time(profile_time: float) -> None:
+    """Raise a `ValueError` if a ramp or wave would be too quick for the clock of an episode."""
+    if profile_time < SHORTEST_PROFILE_TIME:
+        raise ValueError(f"profile_time must be at least {SHORTEST_PROFILE_TIME:g} s, got {profile_time:g} s")
 
 
 def check_severity(kind: str, severity: float) -> None:
     """Raise a `ValueError` unless a fault of this kind can be that severe."""
     if kind == "misalignment":
         right, largest = "an angle from 0 to pi/2 rad", math.pi / 2
-    elif kind in ("late_opening", "slow_opening"):
+    elif kind == "late_opening":
         right, largest = "a finite number of s, zero or more", math.nextafter(math.inf, 0.0)
+    elif kind == "slow_opening":
+        right, largest = f"a time from 0 to {LONGEST_LAG:g} s", LONGEST_LAG
     elif kind == "conductivity_loss":
         right, largest = f"a resistance from 0 to {LARGEST_RESISTANCE:g} ohm", LARGEST_RESISTANCE
     elif kind in LARGEST_SHARE:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from thruster_envs.extras import extra
 from thruster_envs.rendering.layout import SMALLEST
 from thruster_envs.rendering.scene import Scene
 
@@ -94,10 +95,8 @@ class Renderer:
 
 def _picture(width: int, height: int) -> Picture:
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    try:
+    with extra("render", "rendering"):
         import pygame
-    except ModuleNotFoundError as error:
-        raise ImportError('rendering needs pygame-ce: pip install "thruster-envs[render]"') from error
     if not getattr(pygame, "IS_CE", False):
         raise ImportError(
             f"rendering needs pygame-ce, but pygame {pygame.version.ver} is installed: "

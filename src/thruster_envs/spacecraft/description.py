@@ -27,12 +27,28 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
+from thruster_envs.configuration import coerce_fields, from_mapping, require, shown, to_mapping
 
 Vector = tuple[float, float, float]
 
 EARTH_MU = 3.986004418e14
 """Gravitational parameter of the Earth, m^3/s^2 (IERS 2010)."""
+
+LARGEST = 1e15
+"""No value of a description is larger, but for those that may be infinite and the gravitational parameter;
+none that has to be positive is smaller than one over this. So what is computed from them stays finite."""
+
+FASTEST_ORBIT = 1.0
+"""Largest mean motion, rad/s: a thousand times that of the lowest orbit about any planet."""
+
+LONGEST_LAG = 1e4
+"""Largest time constant, s; with a longer lag rounding would be as large as the thrust."""
+
+MOST_CARRIED = 1000
+"""Most control periods by which a modulator may put off a pulse."""
+
+ROUND_OFF = 1e-6
+"""Share of the largest principal moment by which it may exceed the sum of the other two."""
 
 SLACK_FACTOR = 20.0
 """How much dearer it is to miss all of an axis's authority than to fire all thrusters for a whole period."""
@@ -78,13 +94,15 @@ class Thruster:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        who = f"thruster {self.name!r}: "
+        who = f"thruster {shown(self.name)}: "
         require(
             all(map(math.isfinite, self.position)),
             f"{who}position",
             self.position,
             "three finite numbers of m",
         )
+        for component in self.position:
+            _check_size(f"{who}position", component, "m", low=-LARGEST)
         length = math.hypot(*self.direction)
         require(
             math.isfinite(length) and length > 0.0,
@@ -99,22 +117,10 @@ class Thruster:
             scaled = tuple(component / largest for component in self.direction)
             length = math.hypot(*scaled)
             object.__setattr__(self, "direction", tuple(component / length for component in scaled))
-        require(
-            math.isfinite(self.thrust) and self.thrust > 0.0,
-            f"{who}thrust",
-            self.thrust,
-            "a positive number of N",
-        )
-        for name in (
-            "minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time", "time_constant",
-        ):  # fmt: skip
-            value = getattr(self, name)
-            require(
-                math.isfinite(value) and value >= 0.0,
-                f"{who}{name}",
-                value,
-                "a finite number of s, zero or more",
-            )
+        _check_positive(f"{who}thrust", self.thrust, "N")
+        for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
+            _check_not_negative(f"{who}{name}", getattr(self, name), "s")
+        _check_not_negative(f"{who}time_constant", self.time_constant, "s", largest=LONGEST_LAG)
         require(
             0.0 <= self.scatter < 1.0,
             f"{who}scatter",
@@ -127,6 +133,7 @@ class Thruster:
             self.specific_impulse,
             "a positive number of s, or inf",
         )
+        _check_size(f"{who}specific_impulse", self.specific_impulse, "s", low=1.0 / LARGEST, high=math.inf)
         require(self.capacitor >= 0, f"{who}capacitor", self.capacitor, "a number from 1, or 0 for none,")
 
 
@@ -179,19 +186,8 @@ class Modulator:
     def __post_init__(self) -> None:
         coerce_fields(self)
         for name in ("delay", "variation", "jitter"):
-            value = getattr(self, name)
-            require(
-                math.isfinite(value) and value >= 0.0,
-                f"modulator: {name}",
-                value,
-                "a finite number of s, zero or more",
-            )
-        require(
-            0.0 < self.variation_period < math.inf,
-            "modulator: variation_period",
-            self.variation_period,
-            "a positive number of s",
-        )
+            _check_not_negative(f"modulator: {name}", getattr(self, name), "s")
+        _check_positive("modulator: variation_period", self.variation_period, "s")
         require(
             self.variation + self.jitter <= self.delay,
             "modulator: variation and jitter together",
@@ -235,13 +231,7 @@ class Discharge:
     def __post_init__(self) -> None:
         coerce_fields(self)
         for one in dataclasses.fields(self):
-            value = getattr(self, one.name)
-            require(
-                math.isfinite(value) and value > 0.0,
-                f"discharge: {one.name}",
-                value,
-                f"a positive number of {_DISCHARGE_UNITS[one.name]}",
-            )
+            _check_positive(f"discharge: {one.name}", getattr(self, one.name), _DISCHARGE_UNITS[one.name])
         coarsest = COARSEST_SAMPLE * math.sqrt(self.inductance * self.capacitance)
         require(
             self.sample_time <= coarsest,
@@ -256,6 +246,10 @@ class Discharge:
             self.duration,
             "a whole number of times the sample_time",
         )
+        if steps > MOST_SAMPLES:
+            raise ValueError(
+                f"discharge: duration must be at most {MOST_SAMPLES:,} times the sample_time, got {steps:.3g}"
+            )
 
     @property
     def number_of_samples(self) -> int:
@@ -265,6 +259,9 @@ class Discharge:
 
 #: Longest sample time, in units of sqrt(inductance capacitance): a step of the integration is no longer.
 COARSEST_SAMPLE = 0.02
+
+MOST_SAMPLES = 1_000_000
+"""Most samples of the waveforms of one pulse."""
 
 _DISCHARGE_UNITS = {
     "capacitance": "F",
@@ -300,7 +297,7 @@ class Sensors:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        for name in ("position", "velocity", "attitude", "rate"):
+        for name, unit in (("position", "m"), ("velocity", "m/s"), ("attitude", "rad"), ("rate", "rad/s")):
             value = getattr(self, name)
             require(
                 math.isfinite(value) and value >= 0.0,
@@ -308,6 +305,7 @@ class Sensors:
                 value,
                 "a finite number, zero or more",
             )
+            _check_size(f"sensors: {name}", value, unit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,7 +317,8 @@ class Spacecraft:
     Attributes:
         name: What the vehicle is called.
         mass: With all its propellant, kg.
-        inertia: About the centre of mass, body axes, 3 rows of 3, kg m^2; symmetric and positive definite.
+        inertia: About the centre of mass, body axes, 3 rows of 3, kg m^2; symmetric and positive definite,
+            no principal moment larger than the sum of the other two.
         thrusters: At least one.
         feed: The propellant feed that they share.
         sensors: Errors of the relative navigation.
@@ -358,14 +357,14 @@ class Spacecraft:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        require(math.isfinite(self.mass) and self.mass > 0.0, "mass", self.mass, "a positive number of kg")
+        _check_positive("mass", self.mass, "kg")
         _check_inertia(self.inertia)
         require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
         names: dict[str, int] = {}
         for number, thruster in enumerate(self.thrusters, start=1):
             if thruster.name in names:
                 raise ValueError(
-                    f"thrusters {names[thruster.name]} and {number} are both named {thruster.name!r}; "
+                    f"thrusters {names[thruster.name]} and {number} are both named {shown(thruster.name)}; "
                     "a name of its own for each would be right"
                 )
             names[thruster.name] = number
@@ -383,20 +382,9 @@ class Spacecraft:
                 "the mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, "
                 "would be right"
             )
-        period = self.control_period
-        require(math.isfinite(period) and period > 0.0, "control_period", period, "a positive number of s")
-        require(
-            math.isfinite(self.mean_motion) and self.mean_motion > 0.0,
-            "mean_motion",
-            self.mean_motion,
-            "a positive number of rad/s",
-        )
-        require(
-            0.0 < self.gravitational_parameter < math.inf,
-            "gravitational_parameter",
-            self.gravitational_parameter,
-            "a positive number of m^3/s^2",
-        )
+        _check_positive("control_period", self.control_period, "s")
+        _check_positive("mean_motion", self.mean_motion, "rad/s", largest=FASTEST_ORBIT)
+        _check_positive("gravitational_parameter", self.gravitational_parameter, "m^3/s^2", largest=1e25)
         self._check_modulator()
         self._check_discharge()
 
@@ -411,7 +399,7 @@ class Spacecraft:
             for thruster in self.thrusters:
                 require(
                     thruster.time_constant == 0.0,
-                    f"thruster {thruster.name!r}: time_constant",
+                    f"thruster {shown(thruster.name)}: time_constant",
                     thruster.time_constant,
                     "0 s where there is no modulator",
                 )
@@ -425,6 +413,13 @@ class Spacecraft:
             closer,
             f"at most the control_period, {period!r} s, so that pulses keep their order,",
         )
+        latest = modulator.delay + modulator.variation + modulator.jitter
+        latest += max(thruster.closing_delay for thruster in self.thrusters)
+        if latest > MOST_CARRIED * period:
+            raise ValueError(
+                f"modulator: the delay of a pulse's end must be at most {MOST_CARRIED} control periods, "
+                f"{MOST_CARRIED * period:g} s, got {latest:g} s"
+            )
         require(
             self.feed.coupling == 0.0, "feed: coupling", self.feed.coupling, "0 where there is a modulator"
         )
@@ -433,7 +428,7 @@ class Spacecraft:
             for name in ("rise_time", "fall_time"):
                 require(
                     getattr(thruster, name) == 0.0,
-                    f"thruster {thruster.name!r}: {name}",
+                    f"thruster {shown(thruster.name)}: {name}",
                     getattr(thruster, name),
                     "0 s behind a modulator, and a time_constant instead,",
                 )
@@ -442,13 +437,13 @@ class Spacecraft:
         for thruster in self.thrusters:
             if self.discharge is not None and thruster.capacitor == 0:
                 raise ValueError(
-                    f"thruster {thruster.name!r} has no capacitor while the spacecraft has a discharge; "
+                    f"thruster {shown(thruster.name)} has no capacitor while the spacecraft has a discharge; "
                     "a number from 1 for each thruster would be right"
                 )
             if self.discharge is None and thruster.capacitor > 0:
                 raise ValueError(
-                    f"thruster {thruster.name!r} has the capacitor {thruster.capacitor} while the spacecraft "
-                    "has no discharge; a [discharge] table, or capacitor = 0, would be right"
+                    f"thruster {shown(thruster.name)} has the capacitor {thruster.capacitor} while the "
+                    "spacecraft has no discharge; a [discharge] table, or capacitor = 0, would be right"
                 )
         if self.discharge is not None:
             require(
@@ -589,14 +584,39 @@ def _reach(effectiveness: NDArray[np.float64]) -> NDArray[np.float64]:
 def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
     matrix = np.array(inertia)
     require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
-    if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * float(np.abs(matrix).max())):
+    largest = float(np.abs(matrix).max())
+    if largest == 0.0:
+        raise ValueError("inertia must have positive principal moments, got nine zeros")
+    _check_size("inertia: its largest entry", largest, "kg m^2", low=1.0 / LARGEST)
+    if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * largest):
         raise ValueError(
             f"inertia is {inertia!r}, which is not symmetric; "
             "the same value across the diagonal would be right"
         )
-    smallest = float(np.linalg.eigvalsh(matrix)[0])
-    if not smallest > 0.0:
+    first, second, third = np.linalg.eigvalsh(matrix).tolist()
+    if not first > 1e-12 * largest:
         raise ValueError(
             f"inertia is {inertia!r}, which is not positive definite: its smallest principal moment is "
-            f"{smallest:.4g} kg m^2; positive principal moments would be right"
+            f"{first:.4g} kg m^2; positive principal moments would be right"
         )
+    if third - first - second > ROUND_OFF * third:
+        raise ValueError(
+            "inertia must be that of a body, each principal moment at most the sum of the other two, "
+            f"got {first:.6g}, {second:.6g} and {third:.6g} kg m^2"
+        )
+
+
+def _check_positive(what: str, value: float, unit: str, largest: float = LARGEST) -> None:
+    require(math.isfinite(value) and value > 0.0, what, value, f"a positive number of {unit}")
+    _check_size(what, value, unit, low=1.0 / LARGEST, high=largest)
+
+
+def _check_not_negative(what: str, value: float, unit: str, largest: float = LARGEST) -> None:
+    require(math.isfinite(value) and value >= 0.0, what, value, f"a finite number of {unit}, zero or more")
+    _check_size(what, value, unit, high=largest)
+
+
+def _check_size(what: str, value: float, unit: str, low: float = 0.0, high: float = LARGEST) -> None:
+    """Refuse a finite number that no spacecraft has and from which numbers that are not finite may come."""
+    if not low <= value <= high:
+        raise ValueError(f"{what} must be from {low:g} to {high:g} {unit}, got {value!r}")

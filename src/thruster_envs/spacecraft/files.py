@@ -11,6 +11,9 @@ Left out: comments are not kept when a file is loaded and saved; other formats.
 from __future__ import annotations
 
 import json
+import math
+import os
+import re
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -18,22 +21,26 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from thruster_envs.configuration import suggestion
+from thruster_envs.configuration import shown, suggestion
 from thruster_envs.spacecraft.description import Spacecraft
+from thruster_envs.text_files import printable, read_text
 
 _TABLES = ("feed", "sensors", "modulator", "discharge", "provenance")
+
+_KEY_END = re.compile(r"[\n=,{#]")
+_DEEPEST_KEY = 100  # dots in a dotted key
 
 
 def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacecraft:
     """A spacecraft of the catalogue, or a user's own.
 
     Args:
-        source: A name of the catalogue, the path of a TOML file, a mapping like such a file, or a
-            `Spacecraft`, which is returned as it is.
+        source: A name of the catalogue, the path of a TOML file (UTF-8, at most 1 MB), a mapping like such
+            a file, or a `Spacecraft`, which is returned as it is.
 
     Raises:
-        ValueError: No such name or file, or something in it that is wrong: one line says what, where, and
-            what would be right.
+        ValueError: No such name or file, a file that cannot be read, or something in it that is wrong: one
+            line says what, where, and what would be right.
 
     >>> load("orion").mass
     20.0
@@ -47,15 +54,15 @@ def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacec
         return _from_text(file.read_text(encoding="utf-8"), f"{source}.toml")
     if not isinstance(source, str | PathLike):
         raise ValueError(
-            f"{source!r} is no spacecraft; a name, a path, a mapping or a Spacecraft would be right"
+            f"{shown(source)} is no spacecraft; a name, a path, a mapping or a Spacecraft would be right"
         )
-    path = Path(source)
-    if not path.is_file():
-        names = catalogue()
+    path = os.fsdecode(source)
+    if not _exists(path):
         raise ValueError(
-            f"there is no spacecraft {str(source)!r} in the catalogue, and no such file; {_hint(path, names)}"
+            f"there is no spacecraft {shown(path)} in the catalogue, and no such file; "
+            f"{_hint(path, catalogue())}"
         )
-    return _from_text(path.read_text(encoding="utf-8"), str(path))
+    return _from_text(read_text(path), printable(path))
 
 
 def catalogue() -> tuple[str, ...]:
@@ -75,6 +82,9 @@ def save(spacecraft: Spacecraft, path: str | PathLike[str]) -> None:
     Args:
         spacecraft: What to write.
         path: The file; an existing one is replaced.
+
+    Raises:
+        ValueError: A text with half of a surrogate pair, which no file can have.
     """
     document = spacecraft.to_dict()
     thrusters = document.pop("thrusters")
@@ -85,23 +95,55 @@ def save(spacecraft: Spacecraft, path: str | PathLike[str]) -> None:
             lines += ["", f"[{name}]", *_entries(table)]
     for thruster in thrusters:
         lines += ["", "[[thrusters]]", *_entries(thruster)]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    content = ("\n".join(lines) + "\n").encode("utf-8")  # before the file is touched: it may fail
+    Path(path).write_bytes(content)
 
 
-def _hint(path: Path, names: tuple[str, ...]) -> str:
+def _exists(path: str) -> bool:
+    """Whether there is anything under a path; what the system cannot even look for is not there."""
+    try:
+        os.stat(path)
+    except PermissionError:
+        return True  # whoever reads it says so
+    except (OSError, ValueError):  # among them names that are too long or have a NUL
+        return False
+    return True
+
+
+def _hint(path: str, names: tuple[str, ...]) -> str:
     return (
         f"a path that exists would be right (the catalogue has {', '.join(names)})"
-        if path.suffix
-        else suggestion(str(path), names)
+        if Path(path).suffix
+        else suggestion(path, names)
     )
 
 
 def _from_text(text: str, where: str) -> Spacecraft:
     try:
-        document = tomllib.loads(text)
+        if any(piece.count(".") > _DEEPEST_KEY for piece in _KEY_END.split(text)):
+            raise RecursionError  # the reader's time grows with the square of the depth
+        document = tomllib.loads(text, parse_float=_float)
+    except RecursionError:
+        raise ValueError(f"{where}: not a TOML file that can be read: it is nested too deep") from None
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{where}: not a TOML file: {error}") from None
+        raise ValueError(f"{where}: not a TOML file: {_shortened(str(error))}") from None
+    except ValueError as error:  # a number that Python cannot hold
+        raise ValueError(f"{where}: {_shortened(str(error))}") from None
     return _from_document(document, where)
+
+
+def _float(text: str) -> float:
+    """A TOML float; one that overflows is refused, since "inf" is there for those who mean it."""
+    number = float(text)
+    if math.isinf(number) and "inf" not in text:
+        raise ValueError(f"the number {_shortened(text)} must be within +/-1.8e+308")
+    return number
+
+
+def _shortened(text: str) -> str:
+    """A line of at most 200 characters: the end, which has the place, is kept."""
+    text = " ".join(text.split())
+    return text if len(text) <= 200 else f"{text[:120]}...{text[-77:]}"
 
 
 def _from_document(document: Mapping[str, Any], where: str) -> Spacecraft:
@@ -109,7 +151,7 @@ def _from_document(document: Mapping[str, Any], where: str) -> Spacecraft:
     fields = dict(document)
     defaults = fields.pop("thruster_defaults", {})
     if not isinstance(defaults, Mapping):
-        raise ValueError(f"{where}: thruster_defaults is {defaults!r}; a table would be right")
+        raise ValueError(f"{where}: thruster_defaults is {shown(defaults)}; a table would be right")
     thrusters = fields.get("thrusters")
     if defaults and isinstance(thrusters, list | tuple):
         fields["thrusters"] = [

@@ -141,6 +141,7 @@ class PulseDiagnosis(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("right", "delay", "false_alarm", "wrong_name")
     max_episode_steps: ClassVar[int | None] = PULSES
+    flies: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

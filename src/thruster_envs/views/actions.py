@@ -23,6 +23,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from thruster_envs.construction import rebuilt, record_of
 from thruster_envs.protocols import Mapper, MapperWithMemory
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.thruster_mapping import MappingState
@@ -137,11 +138,13 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: Any single environment of this suite.
-        mapper: For the same vehicle; one with a memory has to serve one craft.
+        mapper: For the same vehicle; one with a memory has to serve one craft. Or a record of it, as an
+            ``EnvSpec`` has it.
     """
 
     def __init__(self, env: gym.Env[Any, Any], mapper: Mapper) -> None:
-        RecordConstructorArgs.__init__(self, mapper=mapper)
+        mapper = rebuilt(mapper)
+        RecordConstructorArgs.__init__(self, mapper=record_of(mapper))
         gym.ActionWrapper.__init__(self, env)
         self._allocation = _Allocation(env, mapper)
         _serves(self._allocation, (6,), (1, 6))
@@ -250,7 +253,8 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], mapper: Mapper, *, observe_belief: bool = True) -> None:
-        RecordConstructorArgs.__init__(self, mapper=mapper, observe_belief=observe_belief)
+        mapper, observe_belief = rebuilt(mapper), bool(observe_belief)
+        RecordConstructorArgs.__init__(self, mapper=record_of(mapper), observe_belief=observe_belief)
         gym.Wrapper.__init__(self, env)
         self._allocation, self._observe = _Allocation(env, mapper), observe_belief
         _has_command(self._allocation)
@@ -352,15 +356,15 @@ class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], periods: int) -> None:
-        RecordConstructorArgs.__init__(self, periods=periods)
+        check_whole("periods", periods, 1, _LONGEST_HOLD)
+        RecordConstructorArgs.__init__(self, periods=int(periods))
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, TaskEnv):
             raise TypeError(
                 f"{type(env.unwrapped).__name__} has no control periods to hold an action for; "
                 "an environment of thruster_envs would be right"
             )
-        check_whole("periods", periods, 1, _LONGEST_HOLD)
-        self.periods = periods
+        self.periods = int(periods)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Let so many control periods pass under ``action``."""

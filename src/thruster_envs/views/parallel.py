@@ -6,18 +6,21 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-import pettingzoo
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv
-from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_flag, checked_render_mode, make_task, of_one_agent
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.worlds import Step, Worlds
+
+with extra("multi-agent", __name__):
+    import pettingzoo
+    from pettingzoo import ParallelEnv
+    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
@@ -49,7 +52,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
         flat_info: bool = False,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(self.task_type, configuration, {}, ("max_cycles", "render_mode", "flat_info"))
+        others = ("max_cycles", "render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, {}, others, type(self).__name__)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)
@@ -152,7 +156,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._camera.close()
+        if hasattr(self, "_camera"):  # not where the constructor failed
+            self._camera.close()
 
 
 def register_parallel(identifier: str, module: str) -> None:

@@ -19,14 +19,18 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorObservationWrapper, VectorWrapper
 from gymnasium.wrappers import vector as gymnasium_wrappers
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
+from thruster_envs.configuration import shown
+from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.inputs import NotReset, checked_actions, checked_seed
 from thruster_envs.views.single import checked_flag, flattened, make_task
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.vector import TaskVectorEnv
 from thruster_envs.views.worlds import Step, Worlds
+
+with extra("sb3", __name__):
+    from stable_baselines3.common.vec_env import VecEnv
 
 #: Keys of the last info of an episode that are handed on, beside the two that SB3 knows.
 FINAL_KEYS = ("score", "success", "is_success", "cost", "fuel")
@@ -69,7 +73,9 @@ class _BatchVecEnv(VecEnv):
         if options is not None and not isinstance(options, Mapping):
             rows = list(options) if isinstance(options, Sequence) and not isinstance(options, str) else None
             if rows is None or not all(one is None or isinstance(one, Mapping) for one in rows):
-                raise ValueError(f"options must be a dict, or a list with one for each row, got {options!r}")
+                raise ValueError(
+                    f"options must be a dict, or a list with one for each row, got {shown(options)}"
+                )
             if len(rows) != self.num_envs:
                 raise ValueError(
                     f"options must have {self.num_envs} entries, one for each row, got {len(rows)}"
@@ -196,7 +202,7 @@ class SB3VecEnv(_BatchVecEnv):
             raise ValueError(
                 "options differ from row to row; only the faults of an environment of thruster_envs can"
             )
-        source, own = base.task.fault_source, base.task.faults
+        source, own = base.task.faults_from, base.task.faults
         return first | {"faults": [source(row.get("faults", own)) for row in rows]}
 
     def _reset_rows(
@@ -420,12 +426,8 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         task_type: type[Task] = FormationKeeping,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(
-            task_type,
-            configuration,
-            {},
-            ("num_worlds", "max_episode_steps", "threads", "flat_info", "task_type"),
-        )
+        others = ("num_worlds", "max_episode_steps", "threads", "flat_info", "task_type")
+        self.task = make_task(task_type, configuration, {}, others, type(self).__name__)
         self.flat_info = checked_flag("flat_info", flat_info)
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_worlds, max_episode_steps=limit, threads=threads)
@@ -436,10 +438,10 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         """Begin an episode in every world; the seed of a world is that of its first craft's row."""
         everyone = np.arange(self.worlds.number)
         seeds, options = self._seeds[:: self.craft], self._options_of_worlds()
-        if not self.worlds.seeded and any(seed is None for seed in seeds):
-            fresh = checked_seed(np.random.SeedSequence().entropy)
-            self.worlds.seed(everyone, [fresh + world for world in range(self.worlds.number)])
         given = {world: checked_seed(seed) for world, seed in enumerate(seeds) if seed is not None}
+        if not self.worlds.seeded:
+            fresh = checked_seed(np.random.SeedSequence().entropy)
+            given = {world: fresh + world for world in range(self.worlds.number)} | given
         self.worlds.seed(np.array(list(given), np.int64), list(given.values()))
         self.worlds.reset(everyone, options)
         self._latest = self._info(None)
@@ -457,7 +459,7 @@ class SharedPolicyVecEnv(_BatchVecEnv):
                 )
         if all(options == firsts[0] for options in firsts):
             return firsts[0] or None
-        source, own = self.task.fault_source, self.task.faults
+        source, own = self.task.faults_from, self.task.faults
         return {"faults": [source(options.get("faults", own)) for options in firsts]}
 
     def _reset_rows(

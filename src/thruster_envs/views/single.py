@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from thruster_envs.configuration import from_mapping
+from thruster_envs.configuration import from_mapping, suggestion
 from thruster_envs.tasks import Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.specs import stated
 from thruster_envs.views.worlds import Step, Worlds
 
 Observation = NDArray[np.float32]
@@ -35,11 +36,13 @@ class TaskEnv(gym.Env[Observation, Any]):
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # type: ignore[misc]  # Gymnasium declares an instance attribute
     task_type: ClassVar[type[Task]]
     fixed: ClassVar[dict[str, Any]] = {}
+    _spec: EnvSpec | None = None
 
     def __init__(
         self, *, render_mode: str | None = None, flat_info: bool = False, **configuration: Any
     ) -> None:
-        self.task = make_task(self.task_type, configuration, self.fixed, ("render_mode", "flat_info"))
+        others = ("render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, self.fixed, others, type(self).__name__)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
@@ -47,15 +50,24 @@ class TaskEnv(gym.Env[Observation, Any]):
         self.action_space = action_space(self.task)
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
 
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again, as plain data."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = stated(spec, self.task)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; ``options={"faults": ...}`` gives it faults of its own."""
         given = None if seed is None else checked_seed(seed)
-        super().reset(seed=given)
         if given is not None or not self.worlds.seeded:
-            self.worlds.seed(_ONE, [seed_in_use(self)])
+            self.worlds.seed(_ONE, [seed_in_use(self) if given is None else given])
         self.worlds.reset(_ONE, options)
+        super().reset(seed=given)
         self._camera.watch(begins=True, mode=self.render_mode)
         return self.worlds.observe()[0, 0], self._info(None)
 
@@ -91,7 +103,8 @@ class TaskEnv(gym.Env[Observation, Any]):
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._camera.close()
+        if hasattr(self, "_camera"):  # not where the constructor failed
+            self._camera.close()
 
 
 def seed_in_use(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int:
@@ -144,7 +157,11 @@ def checked_flag(name: str, value: Any) -> bool:
 
 
 def make_task(
-    task_type: type[Task], configuration: dict[str, Any], fixed: dict[str, Any], others: tuple[str, ...]
+    task_type: type[Task],
+    configuration: dict[str, Any],
+    fixed: dict[str, Any],
+    others: tuple[str, ...],
+    view: str,
 ) -> Task:
     """The task's configuration from keyword arguments.
 
@@ -153,17 +170,22 @@ def make_task(
         configuration: What the user gave.
         fixed: What is not for the user to choose.
         others: Names of the arguments that the view takes beside the configuration.
+        view: Name of the view's class.
 
     Raises:
-        ValueError: An unknown name, with the nearest known one, or one that is fixed.
+        TypeError: An unknown name, as Python words it, with the nearest known one. Clients that try which
+            arguments an environment takes read these words.
+        ValueError: A name that is fixed, or a value that is wrong.
     """
     names = [field.name for field in fields(task_type) if field.init]
     for key in configuration:
         if key in fixed:
             raise ValueError(f"{key} is always {fixed[key]!r} here; leaving it out would be right")
-        nearest = get_close_matches(key, [*others, *names], n=1)
-        if key not in names and nearest and nearest[0] in others:
-            raise ValueError(f"{task_type.__name__}: unknown key {key!r}; did you mean {nearest[0]!r}?")
+        if key not in names:
+            known = [*others, *(name for name in names if name not in fixed)]
+            raise TypeError(
+                f"{view}.__init__() got an unexpected keyword argument {key!r}; {suggestion(key, known)}"
+            )
     return from_mapping(task_type, configuration | fixed, task_type.__name__)
 
 

@@ -18,7 +18,9 @@ def observation_space(task: Task) -> spaces.Box[np.float32]:
 
 
 def action_space(task: Task) -> spaces.Space[Any]:
-    """MultiDiscrete where the task has choices; else Box [-1, 1] per thruster, float32."""
+    """MultiDiscrete where the task has choices, Discrete if one; else Box [-1, 1] per thruster, float32."""
+    if task.choices is not None and len(task.choices) == 1:
+        return spaces.Discrete(task.choices[0])
     if task.choices is not None:
         return spaces.MultiDiscrete(list(task.choices))
     return spaces.Box(-1.0, 1.0, (task.action_size,), dtype=np.float32)

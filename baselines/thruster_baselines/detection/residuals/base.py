@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_envs.configuration import require
+from thruster_envs.construction import RecordsArguments
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -48,7 +49,7 @@ class Sample(NamedTuple):
     valid: BoolArray
 
 
-class BaseNavigationDetector(ABC):
+class BaseNavigationDetector(RecordsArguments, ABC):
     """A detector that checks what navigation gives it, keeps time, alarms and names, and leaves the rest.
 
     Args:
@@ -100,6 +101,10 @@ class BaseNavigationDetector(ABC):
         self.isolation_time: FloatArray = np.full(vehicles, np.inf)
         self.refused: IntArray = np.zeros(vehicles, np.int64)
         self._attitude: FloatArray = np.zeros((vehicles, 4))
+
+    def constructor_arguments(self) -> dict[str, Any]:
+        """The arguments with which to construct the like of it, with the threshold that it has now."""
+        return super().constructor_arguments() | {"threshold": self.threshold}
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""

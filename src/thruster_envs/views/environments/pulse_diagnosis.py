@@ -32,7 +32,7 @@ class PulseDiagnosisEnv(TaskEnv):
 
     ## Action Space
 
-    `MultiDiscrete([4])`.
+    `Discrete(4)`; in the vector form `MultiDiscrete([4, 4, ...])`, one number for each world.
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
@@ -133,7 +133,7 @@ class PulseDiagnosisEnv(TaskEnv):
     >>> observation, info = env.reset(seed=1)
     >>> info["diagnosis"]["case"], round(info["diagnosis"]["thrust"], 2)
     (3, 0.68)
-    >>> observation, reward, terminated, truncated, info = env.step([3])
+    >>> observation, reward, terminated, truncated, info = env.step(3)
     >>> info["score"], reward
     (1.0, 0.015625)
 
