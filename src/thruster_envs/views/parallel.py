@@ -20,7 +20,6 @@ from thruster_envs.views.worlds import Step, Worlds
 with extra("multi-agent", __name__):
     import pettingzoo
     from pettingzoo import ParallelEnv
-    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
@@ -161,7 +160,14 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
 
 def register_parallel(identifier: str, module: str) -> None:
-    """Register the two makers of a module with PettingZoo, unless its tables have that id already."""
+    """Register the two makers of a module with PettingZoo, unless its tables have that id already.
+
+    PettingZoo has tables from 1.27 on; before, its environments are found by their modules alone.
+    """
+    if not hasattr(pettingzoo, "register"):
+        return
+    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
+
     for form, registry, maker in (
         ("parallel", parallel_registry, "parallel_env"),
         ("aec", aec_registry, "env"),

@@ -45,12 +45,13 @@ _INDIFFERENT = (
     gymnasium_wrappers.VectorizeTransformAction,
     gymnasium_wrappers.VectorizeTransformReward,
 )
-#: Those that are right with the mode they were made in, and do not change observations.
-_PLAIN = (
-    gymnasium_wrappers.HumanRendering,
-    gymnasium_wrappers.NormalizeReward,
-    gymnasium_wrappers.RecordEpisodeStatistics,
-    gymnasium_wrappers.RecordVideo,
+#: Those that read the mode when they are made, and do not change observations.
+_READERS = (gymnasium_wrappers.NormalizeReward, gymnasium_wrappers.RecordEpisodeStatistics)
+#: Those that do neither, but show pictures.
+_PICTURES = tuple(
+    getattr(gymnasium_wrappers, name)
+    for name in ("HumanRendering", "RecordVideo")
+    if name in gymnasium_wrappers.__all__  # older versions have one of them only
 )
 
 
@@ -280,7 +281,12 @@ def _require_same_step(env: VectorEnv[Any, Any, Any]) -> None:
         base.set_autoreset_mode(right)
     for one in (*minding, base):
         changed = isinstance(base, TaskVectorEnv) and one is not base and base.mode_was_changed
-        kept = (value for value in vars(one).values() if isinstance(value, AutoresetMode))
+        kept = [value for value in vars(one).values() if isinstance(value, AutoresetMode)]
+        if type(one) in _READERS and not kept:
+            raise ValueError(
+                f"{type(one).__name__} does not know the mode SAME_STEP in this version of Gymnasium; "
+                "install gymnasium>=1.4, or leave it out and use VecMonitor or VecNormalize"
+            )
         if not changed and all(mode == right for mode in (one.metadata.get("autoreset_mode"), *kept)):
             continue
         if isinstance(one, VectorObservationWrapper):
@@ -393,7 +399,7 @@ def _watched(env: VectorEnv[Any, Any, Any]) -> list[_Watched]:
     for layer in list(_layers(env)):
         if isinstance(layer, _Recorder):
             continue
-        if not _takes_any_mode(layer) and type(layer) not in _PLAIN:
+        if not _takes_any_mode(layer) and type(layer) not in (*_READERS, *_PICTURES):
             watched.append(_Watched(layer, None if parent is None else _recorder_beneath(parent)))
         parent = layer
     return watched
