@@ -190,7 +190,7 @@ class Task(ABC):
             )
         if self.flies:
             check_flyable(self.vehicle, self.max_substep)
-        self.fault_source(self.faults)
+        self.fault_source()
 
     # What it looks like from outside --------------------------------------------------------------------
 
@@ -248,9 +248,13 @@ class Task(ABC):
         """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
         return ()
 
-    def fault_source(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+    def faults_from(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
         """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
         return self.default_faults() if faults is None else as_faults(faults)
+
+    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
+        """The faults of the configuration as records or as a distribution."""
+        return self.faults_from(self.faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 

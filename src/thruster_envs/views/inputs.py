@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import operator
-import reprlib
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
+
+from thruster_envs.configuration import shown
 
 
 class NotReset(ResetNeeded, ValueError):
@@ -30,9 +31,7 @@ def checked_seed(seed: Any) -> int:
     except TypeError:
         number = -1
     if not 0 <= number < 2**128:
-        huge = isinstance(seed, int) and seed.bit_length() > 256
-        shown = f"one of {seed.bit_length()} bits" if huge else reprlib.repr(seed)
-        raise ValueError(f"seed must be a whole number from 0 to 2**128 - 1, got {shown}")
+        raise ValueError(f"seed must be a whole number from 0 to 2**128 - 1, got {shown(seed)}")
     return number
 
 
@@ -45,7 +44,7 @@ def checked_options(options: Any) -> Mapping[str, Any]:
     if options is None:
         return {}
     if not isinstance(options, Mapping):
-        raise ValueError(f"options must be a dict or None, got {reprlib.repr(options)}")
+        raise ValueError(f"options must be a dict or None, got {shown(options)}")
     return options
 
 

@@ -51,9 +51,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
         flat_info: bool = False,
         **configuration: Any,
     ) -> None:
-        self.task = make_task(
-            self.task_type, configuration, {}, ("max_cycles", "render_mode", "flat_info"), type(self).__name__
-        )
+        others = ("max_cycles", "render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, {}, others, type(self).__name__)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)

@@ -20,6 +20,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorObservationWrapper,
 from gymnasium.wrappers import vector as gymnasium_wrappers
 from numpy.typing import NDArray
 
+from thruster_envs.configuration import shown
 from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.inputs import NotReset, checked_actions, checked_seed
@@ -44,12 +45,13 @@ _INDIFFERENT = (
     gymnasium_wrappers.VectorizeTransformAction,
     gymnasium_wrappers.VectorizeTransformReward,
 )
-#: Those that are right with the mode they were made in, and do not change observations.
-_PLAIN = (
-    gymnasium_wrappers.HumanRendering,
-    gymnasium_wrappers.NormalizeReward,
-    gymnasium_wrappers.RecordEpisodeStatistics,
-    gymnasium_wrappers.RecordVideo,
+#: Those that read the mode when they are made, and do not change observations.
+_READERS = (gymnasium_wrappers.NormalizeReward, gymnasium_wrappers.RecordEpisodeStatistics)
+#: Those that do neither, but show pictures.
+_PICTURES = tuple(
+    getattr(gymnasium_wrappers, name)
+    for name in ("HumanRendering", "RecordVideo")
+    if name in gymnasium_wrappers.__all__  # older versions have one of them only
 )
 
 
@@ -72,7 +74,9 @@ class _BatchVecEnv(VecEnv):
         if options is not None and not isinstance(options, Mapping):
             rows = list(options) if isinstance(options, Sequence) and not isinstance(options, str) else None
             if rows is None or not all(one is None or isinstance(one, Mapping) for one in rows):
-                raise ValueError(f"options must be a dict, or a list with one for each row, got {options!r}")
+                raise ValueError(
+                    f"options must be a dict, or a list with one for each row, got {shown(options)}"
+                )
             if len(rows) != self.num_envs:
                 raise ValueError(
                     f"options must have {self.num_envs} entries, one for each row, got {len(rows)}"
@@ -199,7 +203,7 @@ class SB3VecEnv(_BatchVecEnv):
             raise ValueError(
                 "options differ from row to row; only the faults of an environment of thruster_envs can"
             )
-        source, own = base.task.fault_source, base.task.faults
+        source, own = base.task.faults_from, base.task.faults
         return first | {"faults": [source(row.get("faults", own)) for row in rows]}
 
     def _reset_rows(
@@ -277,7 +281,12 @@ def _require_same_step(env: VectorEnv[Any, Any, Any]) -> None:
         base.set_autoreset_mode(right)
     for one in (*minding, base):
         changed = isinstance(base, TaskVectorEnv) and one is not base and base.mode_was_changed
-        kept = (value for value in vars(one).values() if isinstance(value, AutoresetMode))
+        kept = [value for value in vars(one).values() if isinstance(value, AutoresetMode)]
+        if type(one) in _READERS and not kept:
+            raise ValueError(
+                f"{type(one).__name__} does not know the mode SAME_STEP in this version of Gymnasium; "
+                "install gymnasium>=1.4, or leave it out and use VecMonitor or VecNormalize"
+            )
         if not changed and all(mode == right for mode in (one.metadata.get("autoreset_mode"), *kept)):
             continue
         if isinstance(one, VectorObservationWrapper):
@@ -390,7 +399,7 @@ def _watched(env: VectorEnv[Any, Any, Any]) -> list[_Watched]:
     for layer in list(_layers(env)):
         if isinstance(layer, _Recorder):
             continue
-        if not _takes_any_mode(layer) and type(layer) not in _PLAIN:
+        if not _takes_any_mode(layer) and type(layer) not in (*_READERS, *_PICTURES):
             watched.append(_Watched(layer, None if parent is None else _recorder_beneath(parent)))
         parent = layer
     return watched
@@ -435,10 +444,10 @@ class SharedPolicyVecEnv(_BatchVecEnv):
         """Begin an episode in every world; the seed of a world is that of its first craft's row."""
         everyone = np.arange(self.worlds.number)
         seeds, options = self._seeds[:: self.craft], self._options_of_worlds()
-        if not self.worlds.seeded and any(seed is None for seed in seeds):
-            fresh = checked_seed(np.random.SeedSequence().entropy)
-            self.worlds.seed(everyone, [fresh + world for world in range(self.worlds.number)])
         given = {world: checked_seed(seed) for world, seed in enumerate(seeds) if seed is not None}
+        if not self.worlds.seeded:
+            fresh = checked_seed(np.random.SeedSequence().entropy)
+            given = {world: fresh + world for world in range(self.worlds.number)} | given
         self.worlds.seed(np.array(list(given), np.int64), list(given.values()))
         self.worlds.reset(everyone, options)
         self._latest = self._info(None)
@@ -456,7 +465,7 @@ class SharedPolicyVecEnv(_BatchVecEnv):
                 )
         if all(options == firsts[0] for options in firsts):
             return firsts[0] or None
-        source, own = self.task.fault_source, self.task.faults
+        source, own = self.task.faults_from, self.task.faults
         return {"faults": [source(options.get("faults", own)) for options in firsts]}
 
     def _reset_rows(

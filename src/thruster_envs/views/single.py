@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, ClassVar
 
@@ -43,9 +41,8 @@ class TaskEnv(gym.Env[Observation, Any]):
     def __init__(
         self, *, render_mode: str | None = None, flat_info: bool = False, **configuration: Any
     ) -> None:
-        self.task = make_task(
-            self.task_type, configuration, self.fixed, ("render_mode", "flat_info"), type(self).__name__
-        )
+        others = ("render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, self.fixed, others, type(self).__name__)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
@@ -67,11 +64,10 @@ class TaskEnv(gym.Env[Observation, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; ``options={"faults": ...}`` gives it faults of its own."""
         given = None if seed is None else checked_seed(seed)
-        with taken_back_if_refused(self):
-            super().reset(seed=given)
-            if given is not None or not self.worlds.seeded:
-                self.worlds.seed(_ONE, [seed_in_use(self)])
-            self.worlds.reset(_ONE, options)
+        if given is not None or not self.worlds.seeded:
+            self.worlds.seed(_ONE, [seed_in_use(self) if given is None else given])
+        self.worlds.reset(_ONE, options)
+        super().reset(seed=given)
         self._camera.watch(begins=True, mode=self.render_mode)
         return self.worlds.observe()[0, 0], self._info(None)
 
@@ -109,18 +105,6 @@ class TaskEnv(gym.Env[Observation, Any]):
         """Close the window, if there is one."""
         if hasattr(self, "_camera"):  # not where the constructor failed
             self._camera.close()
-
-
-@contextmanager
-def taken_back_if_refused(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], *names: str) -> Iterator[None]:
-    """Put an environment's generator, and attributes of these names, back if what is done raises an error."""
-    kept = {name: getattr(env, name) for name in ("_np_random", "_np_random_seed", *names)}
-    try:
-        yield
-    except ValueError:
-        for name, value in kept.items():
-            setattr(env, name, value)
-        raise
 
 
 def seed_in_use(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int:

@@ -21,7 +21,6 @@ from thruster_envs.views.single import (
     flattened,
     make_task,
     seed_in_use,
-    taken_back_if_refused,
 )
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
@@ -141,9 +140,14 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """
         mask = self._checked_mask(options)
         which = np.flatnonzero(mask)
-        with taken_back_if_refused(self, "_seeds"):
-            self._seed(which, seed)
-            self.worlds.reset(which, options)
+        seeds = self._seeds_of(which, seed)
+        self.worlds.seed(np.array(list(seeds), np.int64), list(seeds.values()))
+        self.worlds.reset(which, options)
+        if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed):
+            self._seeds = tuple(self.worlds.seed_of(world) for world in range(self.num_envs))
+        elif seed is not None:
+            super().reset(seed=checked_seed(seed))
+            self._seeds = None
         self._over[which] = False
         for camera in self._cameras:
             if mask[camera.world]:
@@ -164,28 +168,21 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             raise ValueError("reset_mask leaves worlds out that were never reset; reset all of them first")
         return mask
 
-    def _seed(self, which: NDArray[np.int64], seed: int | Sequence[int | None] | None) -> None:
-        """Give the worlds that begin their seeds, if any, and all of them where none has one yet."""
+    def _seeds_of(self, which: NDArray[np.int64], seed: Any) -> dict[int, int]:
+        """The seeds that a reset gives, by world: to those that begin, or to all where none has one yet."""
         if isinstance(seed, np.ndarray) and seed.ndim:
             seed = seed.tolist()
-        if seed is None or (isinstance(seed, Sequence) and not isinstance(seed, str | bytes)):
-            seeds = [None] * self.num_envs if seed is None else seed
-            if len(seeds) != self.num_envs:
-                raise ValueError(
-                    f"seed must have {self.num_envs} entries, one for each world, got {len(seeds)}"
-                )
-            given = {world: checked_seed(seeds[world]) for world in which if seeds[world] is not None}
-            if not self.worlds.seeded:
-                first = seed_in_use(self)
-                self.worlds.seed(np.arange(self.num_envs), [first + k for k in range(self.num_envs)])
-            if given:
-                self.worlds.seed(np.array(list(given), np.int64), list(given.values()))
-                self._seeds = tuple(self.worlds.seed_of(world) for world in range(self.num_envs))
-        else:
+        if seed is not None and (not isinstance(seed, Sequence) or isinstance(seed, str | bytes)):
             first = checked_seed(seed)
-            super().reset(seed=first)
-            self.worlds.seed(which, [first + int(world) for world in which])
-            self._seeds = None
+            return {int(world): first + int(world) for world in which}
+        seeds = [None] * self.num_envs if seed is None else seed
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must have {self.num_envs} entries, one for each world, got {len(seeds)}")
+        given = {int(world): checked_seed(seeds[world]) for world in which if seeds[world] is not None}
+        if self.worlds.seeded:
+            return given
+        first = seed_in_use(self)
+        return {world: first + world for world in range(self.num_envs)} | given
 
     @property
     def np_random_seed(self) -> Any:

@@ -78,7 +78,7 @@ class Worlds:
         self.task, self.number, self.max_episode_steps = task, number, max_episode_steps
         self.state = task.create(number, threads)
         self.fleet = self.state.fleet
-        self.faults = self.fleet.plan(task.fault_source(task.faults))
+        self.faults = self.fleet.plan(task.fault_source())
         self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
         self._told = self._tell()
         self.keys = np.zeros((number, 2), np.uint64)
@@ -86,13 +86,13 @@ class Worlds:
         self.steps = np.zeros(number, np.int64)
         #: Whether seeds have been given, and whether episodes run that a step can go on with.
         self.seeded, self.begun = False, False
-        self._seeds: dict[int, int] = {}  # of worlds whose reset is yet to come
+        self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
         """Give some worlds new seeds; the reset that has to follow begins episode 0 of them."""
-        self._seeds |= zip(which.tolist(), seeds, strict=True)
+        self._seeds = list(zip(which, seeds, strict=True))
 
     def reset(self, which: NDArray[np.int64], options: Mapping[str, Any] | None = None) -> None:
         """Begin the next episode of some worlds.
@@ -107,21 +107,20 @@ class Worlds:
         Raises:
             ValueError: Faults that cannot be, or for another number of worlds.
         """
-        seeds, self._seeds = self._seeds, {}
+        seeds, self._seeds = self._seeds, []
         options = checked_options(options)
         _warn_of_slips(options)
         plans = self._plans(which, options)
-        for world, seed in seeds.items():  # only now, so that options that are refused change nothing
+        for world, seed in seeds:  # only now, so that options that are refused change nothing
             self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
             self.episodes[world] = _LOW
-        self.seeded = True
         self.episodes[which] += np.uint64(1)
         self.steps[which] = 0
         for worlds, plan in plans:
             self.fleet.begin(worlds, self.keys, self.episodes, plan)
         self.task.reset(self.state, which)
         self._told = self._tell()
-        self.begun = True
+        self.seeded = self.begun = True
 
     def _plans(
         self, which: NDArray[np.int64], options: Mapping[str, Any]
@@ -131,7 +130,7 @@ class Worlds:
             return [(which, self.faults)]
         faults = options["faults"]
         if not _one_for_each_world(faults):
-            return [(which, self.fleet.plan(self.task.fault_source(faults)))]
+            return [(which, self.fleet.plan(self.task.faults_from(faults)))]
         if len(faults) != self.number:
             raise ValueError(
                 f"faults has {len(faults)} entries, of which at least one is the faults of a whole world; "
@@ -140,7 +139,7 @@ class Worlds:
         plans = []
         for world in which:
             try:
-                plan = self.fleet.plan(self.task.fault_source(faults[world]))
+                plan = self.fleet.plan(self.task.faults_from(faults[world]))
             except ValueError as error:
                 raise ValueError(f"world {world}: {error}") from None
             plans.append((np.array([world], np.int64), plan))
@@ -158,7 +157,7 @@ class Worlds:
     def seed_of(self, world: int) -> int:
         """The seed that a world was last given."""
         low, high = self.keys[world].tolist()
-        return self._seeds.get(world, int(low | high << 64))
+        return int(low | high << 64)
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
