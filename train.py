@@ -68,10 +68,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
-    chosen = options(arguments)
-    chosen.check()
     with contextlib.ExitStack() as held:
-        configuration, spacecraft, run = (begin if chosen.resume is None else resume)(chosen, held)
+        try:
+            chosen = options(arguments)
+            chosen.check()
+            configuration, spacecraft, run = (begin if chosen.resume is None else resume)(chosen, held)
+        except ValueError as error:
+            complain(PROGRAM, str(error))
+            return 2
         print(f"run folder {run.path}", flush=True)
         again = ["--resume", str(run.path)]
         if configuration.results is not None:

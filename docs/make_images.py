@@ -7,6 +7,13 @@ which its pilot has closed the valve of thruster 3, stuck open since the 60th se
 
 from __future__ import annotations
 
+from thruster_agents.commands import check_file, complain, exit_on_interrupt, run_command
+
+PROGRAM = "docs/make_images.py"
+if __name__ == "__main__":
+    exit_on_interrupt(PROGRAM)  # before the libraries are loaded
+
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +31,19 @@ from thruster_envs.spacecraft import load
 STEPS, SHOWN = 571, 14
 
 
-def main() -> None:
-    """Fly, and write the pictures into docs/images."""
+def main() -> int:
+    """Fly, and write the pictures into docs/images; returns the exit status."""
     folder = Path(__file__).parent / "images"
-    folder.mkdir(exist_ok=True)
-    imageio.imwrite(folder / "rendezvous.png", rendezvous())
-    imageio.imwrite(folder / "approach.png", approach())
+    pictures = {folder / "rendezvous.png": rendezvous, folder / "approach.png": approach}
+    try:
+        for path in pictures:
+            check_file(path.name, path)
+    except ValueError as problem:
+        complain(PROGRAM, str(problem))
+        return 2
+    for path, picture in pictures.items():
+        imageio.imwrite(path, picture())
+    return 0
 
 
 def rendezvous() -> NDArray[np.uint8]:
@@ -65,4 +79,4 @@ def frame_of(env: gym.Env[Any, Any]) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command(PROGRAM, main))

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from thruster_agents.commands import exit_on_interrupt, run_command
+
+PROGRAM = "python -m reproductions"
+if __name__ == "__main__":
+    exit_on_interrupt(PROGRAM)  # before the libraries are loaded
+
 import argparse
 import sys
 import tempfile
@@ -18,7 +24,7 @@ RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 def main(arguments: list[str]) -> int:
     """Run the command: 1 if a reproduction broke off with an error, 2 for a bad call, 130 if stopped."""
-    parser = argparse.ArgumentParser(prog="python -m reproductions", description=__doc__)
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     listing = commands.add_parser("list", help="ids, titles and the verdicts that are on record")
     running = commands.add_parser("run", help="recompute and write the results")
@@ -76,4 +82,4 @@ def show_list(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_command(PROGRAM, lambda: main(sys.argv[1:])))

@@ -51,8 +51,7 @@ def run_command(program: str, body: Callable[[], int]) -> int:
 
     Args:
         program: Its name, at the head of lines.
-        body: Returns the status. A ValueError of it means a bad call (2), an OSError that the system refuses
-            something (1), Ctrl-C 130.
+        body: Returns the status. An OSError of it means that the system refuses something (1), Ctrl-C 130.
     """
     global _before
     if _before is not None:
@@ -67,9 +66,6 @@ def run_command(program: str, body: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         complain(program, "interrupted")
         status = 130
-    except ValueError as error:
-        complain(program, str(error))
-        status = 2
     except BrokenPipeError:  # whoever read the output has gone, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
