@@ -44,6 +44,7 @@ from thruster_baselines.detection import (
     threshold_for_rate,
 )
 from thruster_baselines.detection.evaluate import Evaluation
+from thruster_baselines.detection.glr import SOURCE_THRESHOLD
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping import delivered_on_times
 from thruster_baselines.statistics import clopper_pearson
@@ -73,7 +74,9 @@ DETECTORS: dict[str, Callable[[int], Detector]] = {
     "generic chi-squared": _with_sensors(GenericChiSquared),
     "single chi-squared": _with_sensors(SingleChiSquared),
     "set chi-squared": _with_sensors(SetChiSquared),
-    "likelihood ratio, source's noise": lambda vehicles: GLRDetector(ORION, vehicles=vehicles),
+    "likelihood ratio, source's noise": lambda vehicles: GLRDetector(
+        ORION, SOURCE_THRESHOLD, vehicles=vehicles
+    ),
     "likelihood ratio": _with_sensors(GLRDetector),
     "likelihood ratio, sign gate": _with_sensors(GLRDetector, sign_gate=True),
     "likelihood ratio, window": _with_sensors(WindowedGLR),

@@ -24,6 +24,7 @@ import numpy as np
 
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
 from thruster_baselines.detection import GLRDetector, ModelComparison
+from thruster_baselines.detection.glr import SOURCE_THRESHOLD
 from thruster_baselines.guidance import (
     RendezvousPlan,
     RendezvousPlanner,
@@ -252,7 +253,7 @@ class _Watch:
     """
 
     def __init__(self, failures: tuple[Failure, ...]) -> None:
-        self._detector = GLRDetector(ORION, coupling=0.0)
+        self._detector = GLRDetector(ORION, SOURCE_THRESHOLD, coupling=0.0)
         self._comparison = ModelComparison(ORION, losses=LOSSES, coupling=0.0)
         self._failing_for = {one.thruster: 0 for one in failures}  # seconds of firing that showed it
         self.believed = NOMINAL.copy()

@@ -43,7 +43,7 @@ _BATCH = 20_000
 
 def judge(told: FloatArray, change: FloatArray, duration: float) -> Diagnosis:
     """What a fresh likelihood ratio test with the source's noise and threshold says of each firing."""
-    return GLRDetector(EFFECTIVENESS, vehicles=len(told)).update(told, change, duration)
+    return GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, vehicles=len(told)).update(told, change, duration)
 
 
 @cache

@@ -30,7 +30,7 @@ LOSSES = (0.2, 0.4, 0.6, 0.8)
 
 
 def _detector(vehicles: int = 1) -> GLRDetector:
-    return GLRDetector(EFFECTIVENESS, process_noise=0.0, vehicles=vehicles)
+    return GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, process_noise=0.0, vehicles=vehicles)
 
 
 def residual(effort: Effort) -> Finding:
@@ -133,7 +133,9 @@ def isolation(effort: Effort) -> Finding:
     for time in (1.0, 0.5):
         for gate in (False, True):
             told = np.tile(time * FIRING, (count, 1))
-            detector = GLRDetector(EFFECTIVENESS, sign_gate=gate, process_noise=0.0, vehicles=count)
+            detector = GLRDetector(
+                EFFECTIVENESS, SOURCE_THRESHOLD, sign_gate=gate, process_noise=0.0, vehicles=count
+            )
             said = detector.update(told, measure(rng, np.tile(time * DELIVERED, (count, 1))), 1.0)
             found = int(said.detected.sum())
             rates[time, gate] = (

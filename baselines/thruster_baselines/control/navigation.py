@@ -112,7 +112,10 @@ class RelativeNavigation:
                 self.velocity = self.velocity + correction[3:6]
                 self.attitude = turned(self.attitude, correction[6:9])
                 self.rate = self.rate + correction[9:]
-                self.covariance = np.asarray(gain @ self._measurement_covariance, dtype=np.float64)
+                rest = np.eye(12) - gain  # Joseph's form, which is positive for any gain
+                self.covariance = _symmetric(
+                    rest @ self.covariance @ rest.T + gain @ self._measurement_covariance @ gain.T
+                )
                 return
             self.surprises += 1
         self.position, self.velocity = position.copy(), velocity.copy()
@@ -147,9 +150,15 @@ class RelativeNavigation:
         moved = transition[:6, :6] @ np.concatenate([self.position, self.velocity]) + change[:6]
         self.attitude = turned(self.attitude, self.relative_rate * self._period + change[6:9])
         self.position, self.velocity, self.rate = moved[:3], moved[3:], self.rate + change[9:]
-        self.covariance = (
+        self.covariance = _symmetric(
             transition @ self.covariance @ transition.T + spread @ spread.T + self._model_covariance
         )
+
+
+def _symmetric(covariance: FloatArray) -> FloatArray:
+    """Without what round-off has made of a symmetric matrix."""
+    symmetric: FloatArray = 0.5 * (covariance + covariance.T)
+    return symmetric
 
 
 def _misdirected(from_body: FloatArray, push: FloatArray, angles: FloatArray) -> FloatArray:

@@ -291,10 +291,18 @@ class BaseDetector(ABC):
         return mask_of(vehicles, self._vehicles)
 
     def _answer(
-        self, statistic: FloatArray, blamed: IntArray, suspicion: FloatArray, shortfall: FloatArray
+        self,
+        statistic: FloatArray,
+        blamed: IntArray,
+        suspicion: FloatArray,
+        shortfall: FloatArray,
+        limit: FloatArray | None = None,
     ) -> Diagnosis:
-        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell."""
-        detected = statistic > self.threshold
+        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell.
+
+        `limit` (vehicles,) stands for the threshold in this interval.
+        """
+        detected = statistic > (self.threshold if limit is None else limit)
         return Diagnosis(
             detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall
         )

@@ -18,30 +18,40 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval
+from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval
+from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["EstimatorThreshold"]
+__all__ = ["SOURCE_LOST_SHARE", "EstimatorThreshold"]
+
+SOURCE_LOST_SHARE = 0.2
+"""Below 80 % of nominal the source blames a thruster (Yang 2003, section 5.2.1)."""
 
 
-class EstimatorThreshold(BaseDetector):
+class EstimatorThreshold(LimitedDetector):
     """Blames a thruster whose estimated effectiveness has fallen too far.
 
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
-        threshold: Of the lost share: 0.2 blames below 80 % of what is believed.
+        threshold: Of the lost share: 0.2 blames below 80 % of what is believed. By default 0.2, or what
+            healthy vehicles exceed at the rate `false_alarms` (`limit`) where that is more.
+        false_alarms: Rate per interval, if no threshold is given.
         noise: Of the measured rate change; see `thruster_baselines.detection.base`.
         process_noise: Variance that each entry of the effectiveness gains per update; it has to learn.
         initial_covariance: Variance of the entries at the start.
         coupling: Share of thrust lost per further thruster open, or a loss curve.
         vehicles: How many are watched.
 
+    Attributes:
+        limit: (vehicles,), what the largest lost share had to exceed in the last interval.
+
     Raises:
-        ValueError: A value that cannot be, or a filter that never learns.
+        ValueError: A value that cannot be, or a filter that never learns. No threshold where none follows: a
+            filter that is not of the form `shared`, or, in `update`, an effectiveness matrix.
 
     >>> detector = EstimatorThreshold("orion", coupling=0.0)
     >>> one = np.eye(12)[2]
@@ -55,8 +65,9 @@ class EstimatorThreshold(BaseDetector):
     def __init__(
         self,
         spacecraft: Spacecraft | str | Path | ArrayLike,
-        threshold: float = 0.2,
+        threshold: float | None = None,
         *,
+        false_alarms: float = FALSE_ALARMS,
         noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
         process_noise: ArrayLike | None = None,
         initial_covariance: ArrayLike | None = None,
@@ -64,8 +75,9 @@ class EstimatorThreshold(BaseDetector):
         vehicles: int = 1,
     ) -> None:
         super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, noise=noise,
+            process_noise=process_noise, initial_covariance=initial_covariance, coupling=coupling,
+            vehicles=vehicles,
         )  # fmt: skip
         if self.filter.form == "known":
             raise ValueError(
@@ -80,7 +92,14 @@ class EstimatorThreshold(BaseDetector):
         _lost_shares(
             self.filter.effectiveness, self._believed, interval.valid, self._dead, lost, statistic, blamed
         )
-        return self._answer(statistic, blamed, lost, lost * interval.on_times)
+        return self._answer(statistic, blamed, lost, lost * interval.on_times, self._limits_of(interval))
+
+    def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
+        largest = np.abs(self._believed).max(axis=2)
+        scale = np.zeros((*largest.shape, largest.shape[1]))
+        axes = np.arange(largest.shape[1])
+        scale[:, axes, axes] = np.where(largest > 0.0, largest**2, 1.0)
+        return healthy.of_lost_share(interval.on_times, scale, self._believed, interval.valid)
 
 
 @kernel(nogil=True)

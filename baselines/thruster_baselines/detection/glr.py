@@ -9,9 +9,14 @@ largest likelihood over nu_i, against that of no fault, gives (Yang 2003, eqs. 6
 The thruster with the largest l_i is blamed if that exceeds the threshold. Eq. 83 of the source prints S_i
 without the inverse, which makes every l_i smaller by five orders of magnitude; eq. 69 is right.
 
-The tuning knob is the threshold: 5.5e-5 belongs to the source's noise, `calibration.threshold_for_rate` finds
-one for any. l_i does not see the sign of nu_i, so that thrusters with the same force and opposite torque
-(1 and 10 of Orion) are told apart by little; `sign_gate` leaves out who cannot have done it.
+The tuning knob is the threshold. The source's 5.5e-5 belongs to its noise and to intervals of 1 s: at 5 s it
+is exceeded in 6 % of healthy ones. So without a threshold it follows, interval by interval, from a stated
+rate of false alarms and from what fired (`thruster_baselines.detection.healthy_limits`), at any duration, and
+is never below the source's; `calibration.threshold_for_rate` finds one from healthy data. l_i does not see
+the sign of nu_i, so that thrusters with the same force and opposite torque (1 and 10 of Orion) are told apart
+by little; `sign_gate` leaves out who cannot have done it.
+
+A constant bias of a sensor is no fault of a thruster, but looks like one: BIAS
 
 Left out: faults that show only over several intervals (`WindowedGLR`), several new faults at once, faults
 that turn a thrust.
@@ -25,13 +30,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval, whiten
+from thruster_baselines.detection.calibration import chi_squared_threshold
+from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SOURCE_THRESHOLD", "GLRDetector"]
 
@@ -39,12 +46,19 @@ SOURCE_THRESHOLD = 5.5e-5
 """What the source selected for Orion with R = 10 and intervals of 1 s (Yang 2003, section 6.4.2)."""
 
 
-class GLRDetector(BaseDetector):
+_ORION_REACH = 0.30675315809295267
+"""What the strongest thruster of Orion does to the rates in a control period, m/s and rad/s in one number."""
+
+
+class GLRDetector(LimitedDetector):
     """Blames, interval by interval, the thruster whose lost or extra firing is the likeliest.
 
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
-        threshold: Of l, dimensionless.
+        threshold: Of l, dimensionless; by default what healthy vehicles exceed at the rate `false_alarms`.
+            With `PhysicalNoise` that is a quantile of chi-squared, and with the noise as one number it grows
+            with what fired (`limit`), from the source's 5.5e-5 for Orion, in proportion for other vehicles.
+        false_alarms: Rate per interval, if no threshold is given.
         sign_gate: Do not suspect a thruster of firing less than it was told if it was told nothing, nor of
             firing more if it was told to fire for the whole interval.
         noise: Of the measured rate change; see `thruster_baselines.detection.base`.
@@ -53,8 +67,12 @@ class GLRDetector(BaseDetector):
         coupling: Share of thrust lost per further thruster open, or a loss curve.
         vehicles: How many are watched.
 
+    Attributes:
+        limit: (vehicles,), what l had to exceed in the last interval.
+
     Raises:
-        ValueError: A value that cannot be; the message says which and what would be right.
+        ValueError: A value that cannot be; the message says which and what would be right. No threshold where
+            none follows: a filter that learns by axis, or, in `update`, an effectiveness matrix.
 
     >>> detector = GLRDetector("orion", coupling=0.0)
     >>> on_times = np.zeros(12)
@@ -68,8 +86,9 @@ class GLRDetector(BaseDetector):
     def __init__(
         self,
         spacecraft: Spacecraft | str | Path | ArrayLike,
-        threshold: float = SOURCE_THRESHOLD,
+        threshold: float | None = None,
         *,
+        false_alarms: float = FALSE_ALARMS,
         sign_gate: bool = False,
         noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
         process_noise: ArrayLike | None = None,
@@ -78,9 +97,14 @@ class GLRDetector(BaseDetector):
         vehicles: int = 1,
     ) -> None:
         self.sign_gate = sign_gate
+        if isinstance(spacecraft, str | Path):
+            spacecraft = load(spacecraft)
+        if threshold is None and isinstance(noise, PhysicalNoise):
+            threshold = chi_squared_threshold(false_alarms, tests=noise.effectiveness.shape[1])
         super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, noise=noise,
+            process_noise=process_noise, initial_covariance=initial_covariance, coupling=coupling,
+            vehicles=vehicles,
         )  # fmt: skip
 
     def _judge(self, interval: Interval) -> Diagnosis:
@@ -93,7 +117,22 @@ class GLRDetector(BaseDetector):
             blamed,
         )  # fmt: skip
         in_threads(work, count)
-        return self._answer(statistic, blamed, ratio, seconds)
+        return self._answer(statistic, blamed, ratio, seconds, self._limits_of(interval))
+
+    def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
+        return healthy.of_ratio(
+            interval.on_times, interval.covariance, interval.effectiveness, interval.valid, self.threshold
+        )
+
+
+def _least(spacecraft: Spacecraft | ArrayLike, noise: PhysicalNoise | ArrayLike) -> float:
+    """The source's threshold, as much smaller or larger as what a thruster does in a control period."""
+    if not isinstance(spacecraft, Spacecraft) or isinstance(noise, PhysicalNoise):
+        return 0.0
+    if not np.array_equal(noise, SOURCE_MEASUREMENT_NOISE):
+        return 0.0
+    reach = spacecraft.control_period * np.linalg.norm(spacecraft.effectiveness(), axis=0).max()
+    return float(SOURCE_THRESHOLD * (reach / _ORION_REACH) ** 2)
 
 
 @kernel(nogil=True)

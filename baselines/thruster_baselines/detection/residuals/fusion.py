@@ -303,7 +303,8 @@ def _gains_by_age(period: float, position: float, force: float, rate: float, tor
         spread += turned
         gain = covariance[:, 0] / (covariance[0, 0] + position**2)
         table.append((gain[0], gain[1], spread / (spread + rate**2), covariance[0, 0] + position**2))
-        covariance = covariance - np.outer(gain, covariance[0])
+        rest = np.array([[1.0 - gain[0], 0.0], [-gain[1], 1.0]])
+        covariance = rest @ covariance @ rest.T + position**2 * np.outer(gain, gain)  # Joseph's form
         spread *= rate**2 / (spread + rate**2)
     return np.array(table)
 
