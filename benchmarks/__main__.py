@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from thruster_agents.commands import check_file, check_folder, exit_on_interrupt, run_command
+import os
+import signal
 
 PROGRAM = "python -m benchmarks"
-if __name__ == "__main__":
-    exit_on_interrupt(PROGRAM)  # before the libraries are loaded
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
 
 import argparse
 import dataclasses
@@ -18,6 +22,7 @@ from pathlib import Path
 from benchmarks.figure import draw
 from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
+from thruster_agents.commands import check_file, check_folder, run_command
 
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
 SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")

@@ -7,11 +7,15 @@ which its pilot has closed the valve of thruster 3, stuck open since the 60th se
 
 from __future__ import annotations
 
-from thruster_agents.commands import check_file, complain, exit_on_interrupt, run_command
+import os
+import signal
 
 PROGRAM = "docs/make_images.py"
-if __name__ == "__main__":
-    exit_on_interrupt(PROGRAM)  # before the libraries are loaded
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
 
 import sys
 from pathlib import Path
@@ -23,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import thruster_envs  # noqa: F401  # registers the environments
+from thruster_agents.commands import check_file, complain, run_command
 from thruster_baselines.control import ChaserPilot, RendezvousController, RendezvousPolicy
 from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault

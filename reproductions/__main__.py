@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from thruster_agents.commands import exit_on_interrupt, run_command
+import os
+import signal
 
 PROGRAM = "python -m reproductions"
-if __name__ == "__main__":
-    exit_on_interrupt(PROGRAM)  # before the libraries are loaded
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
 
 import argparse
 import sys
@@ -17,6 +21,7 @@ from reproductions.record import FULL, QUICK
 from reproductions.registry import chosen, find_all
 from reproductions.results import read
 from reproductions.running import is_current, run
+from thruster_agents.commands import run_command
 from thruster_envs.text_files import printable
 
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
