@@ -249,9 +249,17 @@ class Task(ABC):
         """Control periods after which the task itself ends an episode; None where it never does."""
         return None
 
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
+        return ()
+
+    def faults_from(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+        """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
+        return self.default_faults() if faults is None else as_faults(faults)
+
     def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
         """The faults of the configuration as records or as a distribution."""
-        return as_faults(self.faults)
+        return self.faults_from(self.faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 

@@ -188,14 +188,8 @@ class FaultDiagnosis(Task):
         """What a variant of the task observes beyond that."""
         return ()
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
-
-        By default, in four flights of five, one thruster that fails in the first half of the flight, in any
-        mode.
-        """
-        if self.faults is not None:
-            return super().fault_source()
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four flights of five, one thruster that fails in the first half, in any mode."""
         return FaultDistribution(
             probability=0.8,
             kinds={"stuck_off": 1.0, "loss": 2.0, "leak": 1.0, "stuck_on": 1.0, "misalignment": 1.0},
