@@ -28,7 +28,7 @@ test: lint types imports unit ## everything that has to pass
 unit: $(INSTALLED) ## the test suite alone; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
 
-nightly: $(INSTALLED) ## the slow tests that `make test` leaves out; options in ARGS="..."
+nightly: $(INSTALLED_BENCH) ## the slow tests that `make test` leaves out; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) -m nightly $(ARGS)
 
 lint: $(INSTALLED) ## ruff: lint and format
