@@ -36,7 +36,10 @@ def scene():
 def processes():
     """Ids of the processes behind windows of this one."""
     listed = subprocess.run(
-        ["ps", "-ww", "--ppid", str(os.getpid()), "-o", "pid=,args="], capture_output=True, text=True, check=True
+        ["ps", "-ww", "--ppid", str(os.getpid()), "-o", "pid=,args="],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return {int(line.split()[0]) for line in listed.stdout.splitlines() if _PROGRAM.name in line}
 
