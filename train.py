@@ -7,11 +7,23 @@ fires the thrusters itself. Leaves runs/<time>-<name>/.
 
 from __future__ import annotations
 
+import os
+import signal
+
+PROGRAM = "train.py"
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
+
+import contextlib
 import dataclasses
+import io
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,165 +32,98 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from thruster_agents.commands import (
+    check_file,
+    check_folder,
+    check_memory,
+    check_space,
+    complain,
+    reason,
+    run_command,
+)
 from thruster_agents.environments import FORMS, TASK, Form
 from thruster_agents.evaluation import FAULTS, SCENARIOS, Method, Row, classical_methods, compare, play
-from thruster_agents.evaluation.methods import Learned
+from thruster_agents.evaluation.methods import Learned, try_methods
 from thruster_agents.pictures import draw_comparison, draw_learning_curve
-from thruster_agents.ppo import Settings, Trained, train
+from thruster_agents.ppo import Trained, needed_bytes, train
 from thruster_agents.ppo.checkpoint import Point
 from thruster_agents.report import as_markdown, as_table
-from thruster_agents.run_folders import RunFolder, new_run, versions
-from thruster_envs.configuration import from_mapping, require
-from thruster_envs.seeds import TEST, VALIDATION, first_training_seed
-from thruster_envs.spacecraft import Spacecraft, load
+from thruster_agents.run_folders import (
+    Configuration,
+    RunFolder,
+    check_spacecraft,
+    check_task,
+    new_run,
+    read_configuration,
+    versions,
+    write_record,
+)
+from thruster_envs.seeds import TEST, VALIDATION
+from thruster_envs.spacecraft import Spacecraft, catalogue, load
 
-
-@dataclass(frozen=True, kw_only=True)
-class Configuration:
-    """Train PPO on ThrusterMapping-v0, evaluate it beside classical mappers, print one table."""
-
-    spacecraft: str = "orion"
-    """Name in the catalogue, or path of a TOML file."""
-    seed: int = 0
-    """Of networks and training worlds."""
-    seeds: int = 1
-    """How many policies of each form to train, with seeds from `seed` on; the table is over all of them."""
-    belief_steps: int = 600_000
-    """Environment steps of PPO on beliefs; 0 leaves the row out."""
-    duty_steps: int = 500_000
-    """Environment steps of PPO on duties; 0 leaves the row out."""
-    worlds: int = 256
-    """Environments side by side; a rollout is one episode of 32 commands in each."""
-    learning_rate: float = 5e-3
-    """Of PPO on beliefs at the start; falls linearly to 0."""
-    duty_learning_rate: float = 5e-3
-    """Of PPO on duties at the start; falls linearly to 0."""
-    minibatch: int = 1024
-    """Samples to a gradient step."""
-    epochs: int = 6
-    """Passes over each rollout, beliefs."""
-    duty_epochs: int = 10
-    """Passes over each rollout, duties."""
-    discount: float = 0.5
-    """Discount per command, beliefs: commands are independent of each other, only a diagnosis lasts."""
-    duty_discount: float = 0.0
-    """Discount per command, duties: nothing that a policy without a belief does now lasts."""
-    trace: float = 0.9
-    """Decay of the advantage estimate (lambda of GAE)."""
-    exploration: float = 0.37
-    """Standard deviation of actions at the start, beliefs; wide, because the LP answers a belief in jumps."""
-    duty_exploration: float = 0.5
-    """Standard deviation of actions at the start, duties."""
-    validate_every: int = 5
-    """Rollouts between points of the learning curve."""
-    validation_worlds: int = 128
-    """Episodes to a point of the learning curve."""
-    test_worlds: int = 1000
-    """Episodes to a cell of the table."""
-    checkpoint_every: int = 10
-    """Rollouts between checkpoints."""
-    threads: int = 1
-    """Threads of torch. Another number may give other last digits."""
-    name: str = "mapping"
-    """End of the run folder's name."""
-    runs: str = "runs"
-    """Where run folders are made."""
-    results: str | None = None
-    """Also write the table to this Markdown file, with the command that makes it."""
-    resume: str | None = None
-    """Folder of an interrupted run to go on with, in its own configuration; other options are not taken."""
-
-    def check(self) -> None:
-        """Raise ValueError, one line, for a value that cannot be."""
-        for name in (
-            "seeds",
-            "worlds",
-            "minibatch",
-            "epochs",
-            "duty_epochs",
-            "validate_every",
-            "checkpoint_every",
-            "threads",
-        ):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
-        for name in ("seed", "belief_steps", "duty_steps"):
-            require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
-        for name in ("learning_rate", "duty_learning_rate", "exploration", "duty_exploration"):
-            require(
-                0.0 < getattr(self, name) < 10.0, name, getattr(self, name), "a number above 0 and below 10"
-            )
-        for name in ("discount", "duty_discount", "trace"):
-            require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "a number from 0 to 1")
-        for name, seeds in (("test_worlds", TEST), ("validation_worlds", VALIDATION)):
-            require(
-                1 <= getattr(self, name) <= len(seeds) // 2,
-                name,
-                getattr(self, name),
-                f"1 to {len(seeds) // 2}",
-            )
-        require(
-            self.belief_steps + self.duty_steps > 0,
-            "belief_steps",
-            0,
-            "a number above 0 here or in duty_steps",
-        )
-        require(
-            self.name.replace("-", "").replace("_", "").isalnum(),
-            "name",
-            self.name,
-            "letters, digits, - and _",
-        )
-        first_training_seed(self.seed + self.seeds - 1, self.worlds)
-
-    def settings(self, form: Form, seed: int, spacecraft: Spacecraft) -> Settings:
-        """Of one training."""
-        beliefs = form == "beliefs"
-        return Settings(
-            spacecraft=spacecraft,
-            form=form,
-            seed=seed,
-            steps=self.belief_steps if beliefs else self.duty_steps,
-            worlds=self.worlds,
-            learning_rate=self.learning_rate if beliefs else self.duty_learning_rate,
-            minibatch=self.minibatch,
-            epochs=self.epochs if beliefs else self.duty_epochs,
-            discount=self.discount if beliefs else self.duty_discount,
-            trace=self.trace,
-            exploration=self.exploration if beliefs else self.duty_exploration,
-            checkpoint_every=self.checkpoint_every,
-            validate_every=self.validate_every,
-            validation_worlds=self.validation_worlds,
-        )
+#: Space for tables, pictures and logs, bytes.
+_SPACE = 5_000_000
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit status."""
-    console = Console()
-    try:
-        chosen = tyro.cli(Configuration, prog="train.py", args=arguments, description=Configuration.__doc__)
-        configuration, run = begin(chosen)
-        spacecraft = load(configuration.spacecraft)
-    except ValueError as error:
-        print(f"train.py: {error}", file=sys.stderr)
-        return 2
-    console.print(f"run folder {run.path}", highlight=False)
-    try:
-        learn_and_compare(configuration, spacecraft, run, console)
-    except KeyboardInterrupt:
-        console.print(f"interrupted; to go on: python train.py --resume {run.path}", highlight=False)
-        return 130
+    return run_command(PROGRAM, lambda: _run(arguments))
+
+
+def _run(arguments: list[str] | None) -> int:
+    with contextlib.ExitStack() as held:
+        try:
+            chosen = options(arguments)
+            chosen.check()
+            configuration, spacecraft, run = (begin if chosen.resume is None else resume)(chosen, held)
+        except ValueError as error:
+            complain(PROGRAM, str(error))
+            return 2
+        print(f"run folder {run.path}", flush=True)
+        again = ["--resume", str(run.path)]
+        if configuration.results is not None:
+            again += ["--results", configuration.results]
+        to_go_on = f"to go on: python train.py {shlex.join(again)}"
+        try:
+            learn_and_compare(configuration, spacecraft, run, Console())
+        except KeyboardInterrupt:
+            complain(PROGRAM, f"interrupted; {to_go_on}")
+            return 130
+        except OSError as error:
+            complain(PROGRAM, f"{reason(error)}; {to_go_on}")
+            return 1
+        except ValueError as error:  # a checkpoint of other settings, or a training that diverges
+            complain(PROGRAM, str(error))
+            return 1
     return 0
+
+
+def options(arguments: list[str] | None) -> Configuration:
+    """What the command line says; a line of it that cannot be read is one line of error."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(Configuration, prog=PROGRAM, args=arguments, description=Configuration.__doc__)
+    except SystemExit as ended:
+        if ended.code in (0, None):
+            raise
+    shown = said.getvalue().encode("ascii", errors="ignore").decode().replace("|", " ")  # without the frame
+    line = " ".join(shown.split())
+    for heading in ("Unrecognized options ", "Value error ", "Missing argument ", "Parsing error "):
+        line = line.removeprefix(heading)
+    line = line.partition(" Argument helptext:")[0].partition(" For full helptext")[0]
+    raise ValueError(f"{line} (see {PROGRAM} --help)")
 
 
 def learn_and_compare(
     configuration: Configuration, spacecraft: Spacecraft, run: RunFolder, console: Console
 ) -> list[Row]:
-    """Train, fly every method on the test seeds, and leave table, metrics and pictures."""
+    """Train, fly every method on the test seeds, leave table, metrics and pictures, and print the table."""
     torch.set_num_threads(configuration.threads)
-    forms = [form for form in FORMS if configuration.settings(form, 0, spacecraft).steps > 0]
+    forms = forms_of(configuration, spacecraft)
     seeds = range(configuration.seed, configuration.seed + configuration.seeds)
     trained: dict[Form, list[Trained]] = {form: [] for form in forms}
-    with progress_bar(console) as progress:
+    with progress_bar() as progress:
         for form in forms:
             for seed in seeds:
                 settings = configuration.settings(form, seed, spacecraft)
@@ -196,6 +141,7 @@ def learn_and_compare(
                         run.policy(form, seed),
                         tensorboard=run.tensorboard(form, seed),
                         progress=report,
+                        tell=lambda line: complain(PROGRAM, line),
                     )
                 )
     seconds = {form: sum(one.seconds for one in several) for form, several in trained.items()}
@@ -221,9 +167,6 @@ def learn_and_compare(
     curves = {form: [one.curve for one in several] for form, several in trained.items()}
     draw_learning_curve(run.file("learning_curve.png"), curves, lines)
     draw_comparison(run.file("comparison.png"), rows, SCENARIOS)
-    console.print(as_table(rows, SCENARIOS, configuration.test_worlds, configuration.seeds))
-    spent = ", ".join(f"{seconds[form]:.0f} s on {form}" for form in forms)
-    console.print(f"trained {spent}; pictures, metrics and models in {run.path}", highlight=False)
     if configuration.results is not None:
         as_markdown(
             Path(configuration.results),
@@ -233,41 +176,131 @@ def learn_and_compare(
             configuration.seeds,
             command(configuration),
         )
+    console.print(as_table(rows, SCENARIOS, configuration.test_worlds, configuration.seeds))
+    spent = ", ".join(f"{seconds[form]:.0f} s on {form}" for form in forms)
+    console.print(f"trained {spent}; pictures, metrics and models in {run.path}", highlight=False)
     return rows
 
 
-def begin(chosen: Configuration) -> tuple[Configuration, RunFolder]:
-    """A new run folder with its configuration, or that of the run to go on with."""
-    chosen.check()
-    if chosen.resume is None:
-        load(chosen.spacecraft)
-        run = new_run(Path(chosen.runs), chosen.name)
-        run.write("config.json", dataclasses.asdict(chosen))
-        run.write("versions.json", versions())
-        return chosen, run
-    run = RunFolder(Path(chosen.resume))
-    stored = from_mapping(Configuration, run.read("config.json"), str(run.file("config.json")))
+def begin(chosen: Configuration, held: contextlib.ExitStack) -> tuple[Configuration, Spacecraft, RunFolder]:
+    """A new run: everything that could fail later is tried, then its folder is made.
+
+    Args:
+        chosen: The options.
+        held: Takes the lock of the folder.
+
+    Raises:
+        ValueError: Something that cannot be; one line says what.
+    """
+    spacecraft = load(chosen.spacecraft)
+    parent = Path(chosen.runs)
+    check_folder("runs", parent)
+    try_run(chosen, spacecraft, parent)
+    run = new_run(parent, chosen.name)
+    held.enter_context(run.locked())
+    source = chosen.spacecraft
+    stored = dataclasses.asdict(chosen) | {
+        "spacecraft": source if source in catalogue() else os.path.abspath(source)
+    }
+    write_record(run, spacecraft)
+    run.write("versions.json", versions())
+    run.write("config.json", stored)
+    return chosen, spacecraft, run
+
+
+def resume(chosen: Configuration, held: contextlib.ExitStack) -> tuple[Configuration, Spacecraft, RunFolder]:
+    """A run to go on with, as it was begun; only where results go is what this command says.
+
+    Args:
+        chosen: The options.
+        held: Takes the lock of the folder.
+
+    Raises:
+        ValueError: A folder that is none of a run, damaged, or in use; options, a spacecraft or a task other
+            than the run began with; one line says what.
+    """
+    run = RunFolder(Path(chosen.resume or ""))
+    stored = read_configuration(run)
+    held.enter_context(run.locked())
+    run.clean()
+    free = ("resume", "results")
+    given = dataclasses.replace(
+        chosen,
+        spacecraft=chosen.spacecraft
+        if chosen.spacecraft in catalogue()
+        else os.path.abspath(chosen.spacecraft),
+    )
     for one in dataclasses.fields(Configuration):
-        given, default = getattr(chosen, one.name), one.default
-        if one.name != "resume" and given != default and given != getattr(stored, one.name):
+        value = getattr(given, one.name)
+        if one.name not in free and value not in (one.default, getattr(stored, one.name)):
             option = f"--{one.name.replace('_', '-')}"
             raise ValueError(
-                f"{option} is {given} with --resume; a run goes on as it was begun: leave {option} out"
+                f"{option} is {value} with --resume; a run goes on as it was begun: leave {option} out"
             )
-    then, now = run.read("versions.json"), versions()
+    spacecraft = check_spacecraft(run, stored.spacecraft)
+    check_task(run, spacecraft)
+    configuration = dataclasses.replace(stored, results=chosen.results, resume=None)
+    try_run(configuration, spacecraft, run.path)
+    if stored.results is not None and chosen.results is None:
+        complain(
+            PROGRAM, f"no table is written; to write it where the run began to: --results {stored.results}"
+        )
+    tell_versions(run)
+    return configuration, spacecraft, run
+
+
+def tell_versions(run: RunFolder) -> None:
+    """Say which versions are others than those that the run began with."""
+    try:
+        then = run.read("versions.json")
+    except ValueError as error:
+        complain(PROGRAM, f"{error}; versions are not compared")
+        return
+    now = versions()
     changed = [name for name in now if now[name] != then.get(name)]
     if changed:
-        print(
-            f"train.py: other versions than the run began with ({', '.join(changed)}); the result may differ",
-            file=sys.stderr,
+        complain(
+            PROGRAM, f"other versions than the run began with ({', '.join(changed)}); the result may differ"
         )
-    return stored, run
+
+
+def try_run(configuration: Configuration, spacecraft: Spacecraft, folder: Path) -> None:
+    """Try what could fail in the middle of a run, or at its end.
+
+    Raises:
+        ValueError: More threads or memory than there are, a spacecraft that the task refuses or that makes
+            numbers which are not finite, no place for the results.
+    """
+    processors = os.cpu_count() or 1
+    if configuration.threads > 4 * processors:
+        raise ValueError(
+            f"threads must be at most {4 * processors}, four for each processor, got {configuration.threads}"
+        )
+    if configuration.results is not None:
+        check_file("results", Path(configuration.results))
+        check_space("results", Path(configuration.results), _SPACE)
+    forms = forms_of(configuration, spacecraft)
+    try:
+        try_methods(spacecraft, forms)
+    except ValueError as error:
+        raise ValueError(f"spacecraft {configuration.spacecraft}: {error}") from None
+    needed = [needed_bytes(configuration.settings(form, 0, spacecraft)) for form in forms]
+    check_memory("worlds", configuration.worlds, max(one.memory for one in needed))
+    for name in ("test_worlds", "validation_worlds"):
+        episodes = getattr(configuration, name)
+        check_memory(name, episodes, episodes * max(one.world for one in needed))
+    check_space("runs", folder, _SPACE + configuration.seeds * sum(one.disk for one in needed))
+
+
+def forms_of(configuration: Configuration, spacecraft: Spacecraft) -> list[Form]:
+    """The forms that are trained."""
+    return [form for form in FORMS if configuration.settings(form, 0, spacecraft).steps > 0]
 
 
 def command(configuration: Configuration) -> str:
     """The command that makes a run, with the options that are not the defaults."""
     given = (
-        f" --{one.name.replace('_', '-')} {getattr(configuration, one.name)}"
+        f" --{one.name.replace('_', '-')} {shlex.quote(str(getattr(configuration, one.name)))}"
         for one in dataclasses.fields(Configuration)
         if getattr(configuration, one.name) != one.default
     )
@@ -275,8 +308,9 @@ def command(configuration: Configuration) -> str:
 
 
 @contextmanager
-def progress_bar(console: Console) -> Iterator[Progress]:
-    """What is shown while policies train."""
+def progress_bar() -> Iterator[Progress]:
+    """What a terminal shows while policies train."""
+    console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -284,7 +318,7 @@ def progress_bar(console: Console) -> Iterator[Progress]:
         TextColumn("{task.fields[score]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         yield progress
 
 

@@ -9,3 +9,7 @@ machine whose clock wanders slows all of it alike, and a ratio is the median of 
 Compilation and construction are not measured. Sections: :mod:`.environments`, :mod:`.peers`,
 :mod:`.learning`, :mod:`.mapping`, :mod:`.detection`, :mod:`.navigation`, :mod:`.formation`.
 """
+
+from thruster_envs.extras import require
+
+require("bench", "benchmarks")

@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
+PROGRAM = "python -m benchmarks"
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
+
 import argparse
 import dataclasses
 import importlib
@@ -12,6 +22,7 @@ from pathlib import Path
 from benchmarks.figure import draw
 from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
+from thruster_agents.commands import check_file, check_folder, run_command
 
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
 SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")
@@ -42,9 +53,9 @@ def write(sections: list[Section], folder: Path, effort: Effort) -> Path:
     return path
 
 
-def main(arguments: list[str]) -> None:
-    """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+def main(arguments: list[str]) -> int:
+    """Run the command; returns its exit status."""
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
     parser.add_argument(
         "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; default: all"
     )
@@ -61,13 +72,21 @@ def main(arguments: list[str]) -> None:
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}; one of {', '.join(SECTIONS)} would be right")
     effort = dataclasses.replace(QUICK if options.quick else Effort(), processor_time=options.processor_time)
-    sections = run(options.sections or list(SECTIONS), effort)
     folder = options.output
     if folder is None and not options.sections and not options.quick:
         folder = RESULTS
     if folder is not None:
+        try:
+            check_folder("--output", folder)
+            for name in ("speed.md", "speed.png"):
+                check_file("--output", folder / name)
+        except ValueError as problem:
+            parser.error(str(problem))
+    sections = run(options.sections or list(SECTIONS), effort)
+    if folder is not None:
         print(f"Written: {write(sections, folder, effort)}")
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(run_command(PROGRAM, lambda: main(sys.argv[1:])))

@@ -6,5 +6,9 @@ One subpackage for each source, one module for each of its tables, figures or wo
 """
 
 from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
+from thruster_envs.extras import require
+
+require("baselines", "reproductions")
+require("agents", "reproductions")
 
 __all__ = ["FULL", "QUICK", "Effort", "Finding", "Reproduction", "Table", "Verdict"]

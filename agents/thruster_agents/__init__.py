@@ -1,11 +1,16 @@
 """Learned methods for spacecraft whose thrusters fail: policies, training, comparison with classical ones.
 
-Importing this package loads neither torch nor Stable-Baselines3; `load` does when it is called.
+Importing this package loads neither torch nor Stable-Baselines3; `load` does when it is called. They have to
+be installed, with all else of the extra `agents`.
 """
 
 from __future__ import annotations
 
 from typing import Any
+
+from thruster_envs.extras import require
+
+require("agents", "thruster_agents")
 
 __all__ = ["load"]
 

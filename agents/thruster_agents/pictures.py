@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from thruster_agents.evaluation.play import Scenario
 from thruster_agents.evaluation.table import Row
+from thruster_agents.files import write_whole
 from thruster_agents.ppo.checkpoint import Point
 
 __all__ = ["draw_comparison", "draw_learning_curve"]
@@ -78,7 +80,7 @@ def draw_comparison(path: Path, rows: Sequence[Row], scenarios: Sequence[Scenari
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     places = range(len(rows))
     for panel, scenario in zip(panels, scenarios, strict=True):
-        top = next(row for row in rows if row.key == "oracle").cells[scenario.name].score
+        top = next(row for row in rows if row.key == "oracle").cells[scenario.name].score or 1.0
         for place, row in zip(places, rows, strict=True):
             cell = row.cells[scenario.name]
             colour = _LEARNED if row.key.startswith("ppo") else _ORACLE if row.key == "oracle" else _OTHER
@@ -111,4 +113,8 @@ def _clean(axes: Axes, across: bool = False) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=150)  # a bare Figure draws with Agg: no display, no global state
+    picture = io.BytesIO()
+    figure.savefig(
+        picture, format="png", dpi=150
+    )  # a bare Figure draws with Agg: no display, no global state
+    write_whole(path, picture.getvalue())

@@ -11,6 +11,7 @@ from rich.table import Table
 from thruster_agents.evaluation.methods import FALSE_ALARM_RATE
 from thruster_agents.evaluation.play import Scenario
 from thruster_agents.evaluation.table import Cell, Row, interquartile_mean
+from thruster_agents.files import write_whole
 
 __all__ = ["as_markdown", "as_table"]
 
@@ -31,7 +32,10 @@ def as_table(rows: Sequence[Row], scenarios: Sequence[Scenario], episodes: int, 
         table.add_column(scenario.title, justify="right", no_wrap=True)
     for row in rows:
         cells = (row.cells[scenario.name] for scenario in scenarios)
-        shown = (f"{one.score:.3f} {100.0 * one.way:5.1f}\n[dim]{_interval(one)}[/dim]" for one in cells)
+        shown = (
+            f"{one.score:.3f} {100.0 * one.way:5.1f}\n[dim]{one.low:.3f}-{one.high:.3f}[/dim]"
+            for one in cells
+        )
         table.add_row(row.title, row.sees, *shown, style="bold" if row.key.startswith("ppo") else None)
     return table
 
@@ -66,7 +70,7 @@ def as_markdown(
     if policies > 1:
         lines += ["", "## Over policies", "", *_over_policies(rows, scenarios)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    write_whole(path.resolve(), "\n".join([*lines, ""]).encode())  # of a link, what it points to
 
 
 def _over_policies(rows: Sequence[Row], scenarios: Sequence[Scenario]) -> list[str]:

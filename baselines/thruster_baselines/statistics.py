@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import operator
 
+from thruster_envs.extras import extra
+
 __all__ = ["clopper_pearson"]
 
 
@@ -25,7 +27,8 @@ def clopper_pearson(successes: int, trials: int, confidence: float = 0.95) -> tu
     >>> low, round(high, 4)
     (0.0, 0.3085)
     """
-    from scipy.special import betaincinv  # only here: SciPy is slow to import
+    with extra("baselines", "clopper_pearson"):
+        from scipy.special import betaincinv  # only here: SciPy is slow to import
 
     successes, trials = operator.index(successes), operator.index(trials)
     if trials < 1:

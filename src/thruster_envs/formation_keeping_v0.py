@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import pettingzoo
-from pettingzoo.utils.conversions import parallel_to_aec
-from pettingzoo.utils.wrappers import OrderEnforcingWrapper
-
+from thruster_envs.extras import extra
 from thruster_envs.views.parallel import FormationParallelEnv, register_parallel
+
+with extra("multi-agent", __name__):
+    import pettingzoo
+    from pettingzoo.utils.conversions import parallel_to_aec
+    from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 __all__ = ["env", "parallel_env", "raw_env"]
 

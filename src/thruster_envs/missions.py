@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.faults import FaultDistribution, as_faults
 from thruster_envs.faults.encoding import FAULT_FIELDS
 from thruster_envs.physics.attitude import conjugate, quaternion_product
+from thruster_envs.physics.fleet import check_flyable
 from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, discharge_of
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
@@ -36,7 +37,7 @@ from thruster_envs.tasks.attitude_pilot import AttitudePilot, turned
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.formation_attitude import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT
 from thruster_envs.threads import run_shared
-from thruster_envs.views.worlds import checked_seed
+from thruster_envs.views.inputs import checked_seed
 
 FloatArray = NDArray[np.float64]
 
@@ -225,6 +226,7 @@ def fly_missions(
     """
     vehicle = load(spacecraft)
     discharge_of(vehicle)
+    check_flyable(vehicle)
     check_whole("craft", craft, 2, 2**20)
     check_whole("steps", steps, 1, 2**31)
     check_whole("fault_slots", fault_slots, 1, 64)

@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+import train
+from tests.agents.runs import TINY
 from thruster_agents.ppo import Settings
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -44,3 +46,13 @@ def small(orion):
         )
 
     return settings
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory):
+    """A finished run, tiny."""
+    parent = tmp_path_factory.mktemp("runs")
+    results = parent / "results.md"
+    assert train.main([*TINY, "--runs", str(parent), "--results", str(results), "--name", "tiny"]) == 0
+    (folder,) = (path for path in parent.iterdir() if path.is_dir())
+    return folder

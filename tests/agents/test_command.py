@@ -10,33 +10,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import thruster_agents
 import train
+from tests.agents.runs import TASK, TINY
+from thruster_agents.checkpoints import read_tree
 from thruster_agents.evaluation import FAULTS, play
 from thruster_agents.evaluation.methods import Learned
 from thruster_agents.run_folders import RunFolder
 from thruster_envs.seeds import TEST
 
-TASK = "thruster_envs/ThrusterMapping-v0"
-TINY = [
-    *("--worlds", "8", "--belief-steps", "768", "--duty-steps", "512", "--test-worlds", "20"),
-    *("--validation-worlds", "4", "--checkpoint-every", "1", "--validate-every", "1"),
-]
 ROWS = [
     *("oracle", "ppo_beliefs", "ppo_duties", "response_test", "blind", "minimum_norm", "crude", "nothing"),
     "random",
 ]
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A finished run, tiny."""
-    parent = tmp_path_factory.mktemp("runs")
-    results = parent / "results.md"
-    assert train.main([*TINY, "--runs", str(parent), "--results", str(results), "--name", "tiny"]) == 0
-    (folder,) = (path for path in parent.iterdir() if path.is_dir())
-    return folder
 
 
 def test_a_run_leaves_everything_that_tells_what_it_was(run):
@@ -51,7 +39,7 @@ def test_a_run_leaves_everything_that_tells_what_it_was(run):
     for name in ("learning_curve.png", "comparison.png"):
         assert (run / name).read_bytes().startswith(b"\x89PNG")
     for form in ("beliefs-0", "duties-0"):
-        assert (run / form / "model.zip").exists()
+        assert (run / form / "policy.safetensors").exists()
         assert list((run / "tensorboard" / form).glob("events.*"))
     page = (run.parent / "results.md").read_text()
     assert page.count("\n| ") == len(ROWS) + 1
@@ -90,14 +78,14 @@ def test_what_was_never_trained_is_not_loaded(run, arguments, line):
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        (["--worlds", "0"], "worlds is 0; 1 or more would be right"),
+        (["--worlds", "0"], "worlds must be a whole number from 1 to 100000, got 0"),
         (["--spacecraft", "orin"], "orin"),
-        (["--discount", "1.5"], "discount is 1.5; a number from 0 to 1 would be right"),
-        (["--learning-rate", "nan"], "learning_rate is nan; a number above 0 and below 10 would be right"),
+        (["--discount", "1.5"], "discount must be a number from 0 to 1, got 1.5"),
+        (["--learning-rate", "nan"], "learning_rate must be a number from 1e-09 to 10, got nan"),
         (["--seed", "4000"], "seed is 4000; with 256 worlds, a whole number from 0 to 3905 would be right"),
-        (["--belief-steps", "0", "--duty-steps", "0"], "belief_steps is 0; a number above 0"),
-        (["--name", "a/b"], "name is 'a/b'; letters, digits, - and _ would be right"),
-        (["--resume", "nowhere"], "nowhere has no config.json; the folder of a run"),
+        (["--belief-steps", "0", "--duty-steps", "0"], "belief_steps or duty_steps must be above 0, got 0"),
+        (["--name", "a/b"], "name must be letters, digits, - and _, at most 100 bytes, got 'a/b'"),
+        (["--resume", "nowhere"], "nowhere has no config.json; the folder of a run is needed"),
     ],
 )
 def test_a_bad_option_gets_one_clear_line(options, line, tmp_path, capsys):
@@ -118,15 +106,45 @@ def test_a_killed_run_goes_on_to_the_same_result(run, tmp_path):
     command = [sys.executable, "train.py", *TINY, "--name", "killed", "--runs", str(tmp_path)]
     with subprocess.Popen(command, cwd=Path(train.__file__).parent, stdout=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + 240.0
-        while not list(tmp_path.glob("*/duties-0/checkpoint.pt")) and process.poll() is None:
+        while not list(tmp_path.glob("*/duties-0/checkpoint-*")) and process.poll() is None:
             assert time.monotonic() < deadline
             time.sleep(0.005)
         os.kill(process.pid, signal.SIGKILL)
     (folder,) = tmp_path.iterdir()
     assert train.main(["--resume", str(folder)]) == 0
-    assert RunFolder(folder).read("metrics.json") == RunFolder(run).read("metrics.json")
-    from stable_baselines3 import PPO
+    _assert_same(folder, run)
 
+
+@pytest.mark.nightly
+def test_a_run_killed_ten_times_goes_on_to_the_same_result(run, tmp_path):
+    """kill -9 at ten moments of a run that is resumed each time: while it loads, trains, writes, compares."""
+    rng = np.random.default_rng(5)
+    command = [sys.executable, "train.py", *TINY, "--name", "killed", "--runs", str(tmp_path)]
+    folder, lines = None, []
+    for _ in range(10):
+        with subprocess.Popen(
+            command,
+            cwd=Path(train.__file__).parent,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            said = process.stdout.readline()
+            assert said.startswith("run folder "), process.stderr.read()
+            folder = Path(said.removeprefix("run folder ").rstrip())
+            time.sleep(rng.uniform(0.0, 4.0))
+            process.send_signal(signal.SIGKILL)
+            lines += process.stderr.read().splitlines()
+        command = [sys.executable, "train.py", "--resume", str(folder)]
+    assert lines == []
+    assert train.main(["--resume", str(folder)]) == 0
+    assert not list(folder.rglob("*.unfinished"))
+    _assert_same(folder, run)
+
+
+def _assert_same(folder, run):
+    """The same metrics, weights and table, to the last bit."""
+    assert RunFolder(folder).read("metrics.json") == RunFolder(run).read("metrics.json")
     for form in ("beliefs-0", "duties-0"):
-        first, second = (PPO.load(one / form / "model.zip").policy.state_dict() for one in (run, folder))
-        assert all(np.array_equal(first[name], second[name]) for name in first)
+        first, second = (read_tree(one / form / "policy.safetensors")["policy"] for one in (run, folder))
+        assert all(torch.equal(first[name], second[name]) for name in first)

@@ -79,7 +79,7 @@ def random_vehicle(
     n = int(rng.integers(1, 15)) if thrusters is None else thrusters
     root = rng.normal(size=(3, 3)) * 0.2 + np.diag(rng.uniform(0.6, 1.2, 3))
     spread = root @ root.T
-    inertia = 0.5 * (np.trace(spread) * np.eye(3) - spread)  # of a body: no moment above the sum of the others
+    inertia = 0.5 * (np.trace(spread) * np.eye(3) - spread)  # of a body
     chosen_period = float(rng.choice([1.0, 5.0]))
     return Spacecraft(
         name="random",

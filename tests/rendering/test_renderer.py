@@ -341,31 +341,6 @@ def test_frames_need_no_display_and_open_none():
     assert (result.stdout, result.stderr) == ("(540, 960, 3) True\n", "")
 
 
-def test_a_window_opens_with_the_first_scene_and_closes_for_good_when_the_user_says_so():
-    code = SMALL_SCENE + (
-        "import pygame\n"
-        "renderer = Renderer(frames_per_second=1000.0)\n"
-        "renderer.close()\n"
-        "print(renderer.show(scene), pygame.display.get_surface().get_size())\n"
-        "shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)\n"
-        "print((shown == renderer.frame(scene)).all())\n"
-        "renderer.close()\n"
-        "print(pygame.display.get_init(), renderer.show(scene))\n"
-        "pygame.event.post(pygame.event.Event(pygame.QUIT))\n"
-        "print(renderer.show(scene), renderer.show(scene), pygame.display.get_init())\n"
-        "print(renderer.frame(scene).shape)\n"
-    )
-    result = run(code, SDL_VIDEODRIVER="dummy")
-    assert result.stderr == ""
-    assert result.stdout.splitlines() == [
-        "True (960, 540)",
-        "True",
-        "False True",
-        "False False False",
-        "(540, 960, 3)",
-    ]
-
-
 def test_importing_the_package_does_not_import_pygame():
     result = run("import sys, thruster_envs.rendering; print('pygame' in sys.modules)")
     assert (result.stdout, result.stderr) == ("False\n", "")

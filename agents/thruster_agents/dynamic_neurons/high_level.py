@@ -16,6 +16,7 @@ Left out: the thruster and the direction of a change (`integrated` has them), mi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,8 @@ import numpy as np
 import torch
 
 from thruster_agents.dynamic_neurons.files import (
+    check_weights,
+    number_of,
     read_description,
     read_weights,
     write_description,
@@ -145,9 +148,10 @@ class HighLevelSettings:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        require(self.rate_scale > 0.0, "rate_scale", self.rate_scale, "a positive number of rad/s")
+        require(0.0 < self.rate_scale < math.inf, "rate_scale", self.rate_scale, "a positive number of rad/s")
         require(1 <= self.window[0] <= self.window[1], "window", self.window, "two seconds, 1 or later")
-        require(min(self.sensitivity) >= 0.0, "sensitivity", self.sensitivity, "three numbers, 0 or more")
+        fine = all(0.0 <= one < math.inf for one in self.sensitivity)
+        require(fine, "sensitivity", self.sensitivity, "three numbers, 0 or more")
 
 
 class HighLevelClassifier:
@@ -267,7 +271,9 @@ class HighLevelClassifier:
             ValueError: A file that is missing or is not that of a high-level classifier.
         """
         content = read_description(Path(folder), _KIND, ("settings", "thresholds"))
-        classifier = cls(from_mapping(HighLevelSettings, content["settings"], f"{folder}: settings"))
+        settings = from_mapping(HighLevelSettings, content["settings"], f"{folder}: settings")
+        check_weights(Path(folder), settings.architecture, AXES, lambda: cls(settings).networks[0])
+        classifier = cls(settings)
         read_weights(Path(folder), dict(zip(AXES, classifier.networks, strict=True)))
         if content["thresholds"] is not None:
             classifier.thresholds = _three(content["thresholds"], f"{folder}: thresholds")
@@ -302,4 +308,4 @@ def _three(values: object, where: str) -> FloatArray:
     numbers = values if isinstance(values, list) else []
     if len(numbers) != 3 or not all(type(one) in (int, float) for one in numbers):
         raise ValueError(f"{where} is {values!r}; three numbers would be right")
-    return np.array(numbers, np.float64)
+    return np.array([number_of(one, where) for one in numbers])

@@ -26,7 +26,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_agents.dynamic_neurons.files import read_description, write_description
+from thruster_agents.dynamic_neurons.files import number_of, read_description, write_description
 from thruster_agents.dynamic_neurons.high_level import AXES, HighLevelClassifier, MissionSignals
 from thruster_agents.dynamic_neurons.low_level import LowLevelClassifier
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
@@ -210,10 +210,8 @@ class IntegratedClassifier:
         content = read_description(Path(folder), _KIND, ("lower",))
         high_level = HighLevelClassifier.load(Path(folder) / "high_level")
         classifier = cls(high_level, LowLevelClassifier.load(Path(folder) / "low_level"))
-        lower = content["lower"]
-        if lower is not None and type(lower) not in (int, float):
-            raise ValueError(f"{folder}: lower is {lower!r}; a number would be right")
-        classifier.lower = lower
+        if content["lower"] is not None:
+            classifier.lower = number_of(content["lower"], f"{folder}: lower")
         return classifier
 
 

@@ -15,6 +15,7 @@ Left out: thrust, which nobody measures in flight; a choice between causes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,8 @@ import torch
 from numpy.typing import ArrayLike
 
 from thruster_agents.dynamic_neurons.files import (
+    check_weights,
+    number_of,
     read_description,
     read_weights,
     write_description,
@@ -68,9 +71,10 @@ class LowLevelSettings:
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        require(self.voltage_scale > 0.0, "voltage_scale", self.voltage_scale, "a positive number of V")
-        require(self.current_scale > 0.0, "current_scale", self.current_scale, "a positive number of A")
-        require(self.sensitivity >= 0.0, "sensitivity", self.sensitivity, "0 or more")
+        for name, unit in (("voltage_scale", "V"), ("current_scale", "A")):
+            value = getattr(self, name)
+            require(0.0 < value < math.inf, name, value, f"a positive number of {unit}")
+        require(0.0 <= self.sensitivity < math.inf, "sensitivity", self.sensitivity, "0 or more")
         require(self.stride >= 1, "stride", self.stride, "1 or more")
 
 
@@ -188,10 +192,12 @@ class LowLevelClassifier:
             ValueError: A file that is missing or is not that of a low-level classifier.
         """
         content = read_description(Path(folder), _KIND, ("settings", "threshold"))
-        classifier = cls(from_mapping(LowLevelSettings, content["settings"], f"{folder}: settings"))
+        settings = from_mapping(LowLevelSettings, content["settings"], f"{folder}: settings")
+        check_weights(Path(folder), settings.architecture, ("network",), lambda: cls(settings).network)
+        classifier = cls(settings)
         read_weights(Path(folder), {"network": classifier.network})
         if content["threshold"] is not None:
-            classifier.threshold = _number(content["threshold"], f"{folder}: threshold")
+            classifier.threshold = number_of(content["threshold"], f"{folder}: threshold")
         return classifier
 
     def _predict(self, outside: FloatArray) -> FloatArray:
@@ -226,9 +232,3 @@ class LowLevelClassifier:
                 )
             seen = np.repeat(charged[:, np.newaxis], measured.shape[1] - 1, axis=1)
         return (seen / self.settings.voltage_scale)[..., np.newaxis], measured
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{where} is {value!r}; a number would be right")
-    return float(value)

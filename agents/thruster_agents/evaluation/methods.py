@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from thruster_agents.environments import Form, on_form
-from thruster_agents.evaluation.play import HEALTHY, Method, play
+from thruster_agents.evaluation.play import HEALTHY, SCENARIOS, Method, play
 from thruster_baselines.detection import ResponseTest, threshold_for
 from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper
 from thruster_envs.protocols import Mapper
@@ -37,6 +37,7 @@ __all__ = [
     "Random",
     "Tested",
     "classical_methods",
+    "try_methods",
 ]
 
 #: Share of healthy episodes in which the response test may blame somebody.
@@ -199,3 +200,44 @@ def classical_methods(spacecraft: Spacecraft) -> Sequence[Method]:
         Constant("nothing", "do nothing", 0.0),
         Random(),
     )
+
+
+def try_methods(spacecraft: Spacecraft, forms: Sequence[Form]) -> None:
+    """Fly two episodes of each scenario with every mapper and every form of action.
+
+    Raises:
+        ValueError: The task or a mapper refuses the spacecraft, or numbers are not finite.
+    """
+    mapper = LPMapper(spacecraft, threads=1)
+    tried: tuple[Method, ...] = (
+        Oracle(mapper),
+        Tested(mapper, spacecraft, np.inf),
+        Blind("minimum_norm", "", MinimumNormShiftMapper(spacecraft)),
+        Blind("crude", "", CrudeMapper(spacecraft)),
+        *(_Tried(form) for form in forms),
+    )
+    for scenario in SCENARIOS:
+        for method in tried:
+            flown = play(method, scenario, VALIDATION[-2:], spacecraft)
+            if not (np.isfinite(flown.rewards).all() and np.isfinite(flown.scores).all()):
+                raise ValueError(f"its rewards are not finite with {method.key}")
+
+
+class _Tried(Method):
+    """Constant actions of a form."""
+
+    sees = "nothing"
+
+    def __init__(self, form: Form) -> None:
+        self.key, self.form, self.title = form, form, form
+
+    @override
+    def begin(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        self.actions = np.full(env.action_space.shape, 0.5, np.float32)
+        return on_form(env, self.form, env.unwrapped.task.vehicle)
+
+    @override
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        if not np.isfinite(observations).all():
+            raise ValueError("an observation is not finite")
+        return self.actions

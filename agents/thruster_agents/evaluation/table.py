@@ -20,6 +20,7 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["Cell", "Row", "bootstrap_interval", "compare", "interquartile_mean"]
 
 _RESAMPLES = 2000
+_AT_ONCE = 2**24  # counts that are held at the same time: all those of 500,000 episodes take 8 GB
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Cell:
         score: Mean over episodes (and over trained policies).
         low: Lower end of its 95 % bootstrap interval.
         high: Upper end.
-        way: Share of the way from doing nothing (0) to the oracle (1).
+        way: Share of the way from doing nothing (0) to the oracle (1); 0 where the oracle does no better.
         policies: Mean score of each trained policy; one number for a method that is not trained.
     """
 
@@ -90,7 +91,7 @@ def compare(
             top, bottom = (scores[key, scenario.name].mean() for key in ("oracle", "nothing"))
             low, high = bootstrap_interval(own)
             mean = float(own.mean())
-            way = float((mean - bottom) / (top - bottom))
+            way = float((mean - bottom) / (top - bottom)) if top > bottom else 0.0
             cells[scenario.name] = Cell(mean, low, high, way, tuple(own.mean(axis=1).tolist()))
         rows.append(Row(row[0].key, row[0].title, row[0].sees, cells))
     return rows
@@ -105,12 +106,15 @@ def bootstrap_interval(scores: NDArray[np.float64], level: float = 0.95) -> tupl
     (0.5, 0.5)
     """
     generator = np.random.default_rng(0)
-    of_policies, of_episodes = (
-        generator.multinomial(size, np.full(size, 1.0 / size), _RESAMPLES) / size for size in scores.shape
-    )
-    means = ((of_policies @ scores) * of_episodes).sum(axis=1)
+    policies, episodes = scores.shape
+    of_policies = generator.multinomial(policies, np.full(policies, 1.0 / policies), _RESAMPLES) / policies
+    means = []
+    together = max(1, _AT_ONCE // episodes)
+    for drawn in (of_policies[k : k + together] for k in range(0, _RESAMPLES, together)):
+        counts = generator.multinomial(episodes, np.full(episodes, 1.0 / episodes), len(drawn))
+        means.append(((drawn @ scores) * (counts / episodes)).sum(axis=1))
     tail = 50.0 * (1.0 - level)
-    low, high = np.percentile(means, [tail, 100.0 - tail])
+    low, high = np.percentile(np.concatenate(means), [tail, 100.0 - tail])
     return float(low), float(high)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
 from thruster_agents.environments import FORMS, TASK, Form, make_plain, on_form
+from thruster_agents.ppo import load_policy
+from thruster_agents.ppo.checkpoint import POLICY
+from thruster_agents.run_folders.configuration import Configuration, read_configuration
 from thruster_agents.run_folders.folder import RunFolder, latest_run
+from thruster_agents.run_folders.record import check_task
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.spacecraft import load as load_spacecraft
 
 __all__ = ["Policy", "load"]
 
@@ -54,17 +58,20 @@ def load(
     seed: int | None = None,
     runs: str | Path = "runs",
 ) -> Policy:
-    """A policy that `train.py` has trained. Run folders hold pickled parts: load only runs that you trust.
+    """A policy that `train.py` has trained, for the spacecraft that it was trained on.
+
+    It is made from the options, the description and the weights in the run folder, which hold no code: a
+    folder from anywhere can be loaded.
 
     Args:
         task_id: `thruster_envs/ThrusterMapping-v0`, the only task with trained policies so far.
         method: `beliefs` or `duties`.
-        run: Folder of the run; by default the newest finished one in `runs`.
+        run: Folder of the run; by default the one in `runs` that was finished last.
         seed: Of the training; by default the first of the run.
         runs: Where runs are looked for.
 
     Raises:
-        ValueError: Another task or method, or a run that has no such policy.
+        ValueError: Another task or method, or a run that has no such policy or is damaged.
     """
     if task_id != TASK:
         raise ValueError(f"task_id is {task_id!r}; {TASK!r} would be right")
@@ -72,10 +79,22 @@ def load(
     if form is None:
         raise ValueError(f"method is {method!r}; {' or '.join(map(repr, FORMS))} would be right")
     folder = RunFolder(Path(run)) if run is not None else latest_run(Path(runs))
-    config = folder.read("config.json")
-    path = folder.policy(form, config["seed"] if seed is None else seed) / "model.zip"
-    if not path.is_file():
-        raise ValueError(
-            f"{path} does not exist; a run that was trained with this method and seed would be right"
-        )
-    return Policy(PPO.load(path, device="cpu"), form, load_spacecraft(config["spacecraft"]))
+    configuration, spacecraft = read_configuration(folder), folder.spacecraft()
+    check_task(folder, spacecraft)
+    seed = configuration.seed if seed is None else operator.index(seed)
+    policy = folder.policy(form, seed)
+    if not (policy / POLICY).is_file():
+        raise ValueError(f"{policy / POLICY} does not exist; {_reason(policy, form, seed, configuration)}")
+    model = load_policy(configuration.settings(form, seed, spacecraft), policy)
+    return Policy(model, form, spacecraft)
+
+
+def _reason(policy: Path, form: Form, seed: int, configuration: Configuration) -> str:
+    if (policy / "model.zip").exists():
+        return "model.zip is of an earlier version and is not opened, as it could run code; train again"
+    seeds = range(configuration.seed, configuration.seed + configuration.seeds)
+    if seed not in seeds:
+        return f"the run has the seeds {seeds.start} to {seeds[-1]}"
+    if configuration.settings(form, seed, None).steps == 0:
+        return f"the run trained nothing on {form}"
+    return "the training is not over; go on with train.py --resume"

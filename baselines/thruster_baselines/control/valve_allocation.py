@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_envs.configuration import require
+from thruster_envs.extras import extra
 from thruster_envs.protocols import BoolArray, FloatArray
 
 __all__ = ["ValveAllocation", "ValveBelief", "authority_left"]
@@ -322,7 +323,8 @@ def _nearest(
     if directions.shape[1] == 0:
         within = (start >= least - _ROUND_OFF) & (start <= most + _ROUND_OFF)
         return start if within.all() else None
-    import daqp  # only here: sound thrusters need no solver
+    with extra("baselines", "ValveAllocation"):
+        import daqp  # only here: sound thrusters need no solver
 
     steps, _, flag, _ = daqp.solve(
         hessian, gradient, np.ascontiguousarray(directions), most - start, least - start,

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_envs.configuration import require
+from thruster_envs.extras import extra
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
 __all__ = ["ProbeSettings", "ValveProbing", "balanced_groups"]
@@ -78,7 +79,8 @@ def balanced_groups(wrenches: ArrayLike) -> FloatArray:
     >>> balanced_groups(load("msr_chaser").wrenches()).astype(int).tolist()
     [[1, 0, 0, 1, 0, 1, 1, 0], [0, 1, 1, 0, 1, 0, 0, 1]]
     """
-    from scipy.optimize import linprog
+    with extra("baselines", "balanced_groups"):
+        from scipy.optimize import linprog
 
     columns = np.asarray(wrenches, np.float64)
     axes, n = columns.shape

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -176,7 +177,8 @@ def chi_squared_threshold(false_alarms: float, degrees: int = 1, tests: int = 1)
     >>> round(chi_squared_threshold(1e-5, tests=6), 1)
     22.9
     """
-    from scipy.special import chdtri  # only here: SciPy is slow to import
+    with extra("baselines", "chi_squared_threshold"):
+        from scipy.special import chdtri  # only here: SciPy is slow to import
 
     if not 0.0 < false_alarms < 1.0:
         raise ValueError(f"false_alarms is {false_alarms}; a rate above 0 and below 1 would be right")

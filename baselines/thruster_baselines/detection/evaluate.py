@@ -42,6 +42,7 @@ from thruster_baselines.detection.identification import (
     least_squares_severity,
 )
 from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.extras import extra
 from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray, NavigationDetector
 from thruster_envs.seeds import TEST, VALIDATION
 
@@ -184,8 +185,9 @@ class Evaluation:
 
     def figure(self, path: str | Path) -> None:
         """Draw the curve of delay against false alarms and the confusion matrix into a file."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # only here: needs the agents' extra
-        from matplotlib.figure import Figure
+        with extra("agents", "a figure of an evaluation"):
+            from matplotlib.backends.backend_agg import FigureCanvasAgg  # only here: needs the agents' extra
+            from matplotlib.figure import Figure
 
         figure = Figure(figsize=(11.0, 4.5), layout="constrained")
         FigureCanvasAgg(figure)

@@ -18,14 +18,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import highspy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.model import Model
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
+
+with extra("baselines", __name__):
+    import highspy
 
 __all__ = ["RendezvousPlan", "RendezvousPlanner"]
 

@@ -21,16 +21,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, LinearConstraint, milp
 
 from thruster_baselines.mapping.base import SolverMapper
 from thruster_baselines.mapping.compensation import shares_of
 from thruster_baselines.mapping.coupling import Coupling, delivered_rate_change
 from thruster_baselines.mapping.model import Model
+from thruster_envs.extras import extra
 from thruster_envs.protocols import Allocation, FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
+
+with extra("baselines", __name__):
+    import scipy.sparse
+    from scipy.optimize import Bounds, LinearConstraint, milp
 
 __all__ = ["MILPMapper"]
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import BaseMapper, one_by_one
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.mapping.pseudo_inverse import axis_weights
+from thruster_envs.extras import extra
 from thruster_envs.protocols import Allocation, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -89,7 +90,8 @@ class NonNegativeLeastSquaresMapper(BaseMapper):
 
 def _unbounded(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
     """The u >= 0 with least |A u - b|."""
-    from scipy.optimize import nnls  # only here: the linear programs need no SciPy
+    with extra("baselines", "NonNegativeLeastSquaresMapper"):
+        from scipy.optimize import nnls  # only here: the linear programs need no SciPy
 
     try:
         solution: FloatArray = nnls(matrix, wanted, maxiter=_ITERATIONS)[0]
@@ -103,7 +105,8 @@ def _unbounded(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
 
 def _bounded(matrix: FloatArray, wanted: FloatArray, bound: FloatArray) -> tuple[FloatArray, int]:
     """The 0 <= u <= U with least |A u - b|, U positive, and a status."""
-    from scipy.optimize import lsq_linear
+    with extra("baselines", "NonNegativeLeastSquaresMapper"):
+        from scipy.optimize import lsq_linear
 
     answer = lsq_linear(matrix, wanted, (0.0, bound), method="bvls", tol=_GAIN, max_iter=_ITERATIONS)
     return answer.x, int(answer.status == 0)

@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from thruster_baselines.mapping.base import SolverMapper
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["QuadraticMapper"]
@@ -70,7 +71,8 @@ def _solve_quadratic(
 
     Which bounds an on-time stands at is read off the multipliers, so that it stands there exactly.
     """
-    import daqp  # only here: the linear programs need no quadratic solver
+    with extra("baselines", "QuadraticMapper"):
+        import daqp  # only here: the linear programs need no quadratic solver
 
     size = float(np.abs(matrix).max())
     unit = float(np.abs(wanted).max()) / size  # s; in it, with costs in `size`, all is of order one

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import SolverMapper
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.mapping.uncertainty import RobustAllocation, spread_at, stated_spread
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -155,8 +156,9 @@ def _solve_cones(
 
     Which bounds an on-time stands at is read off the multipliers, so that it stands there exactly.
     """
-    import clarabel  # only here: the linear programs need no conic solver
-    from scipy import sparse
+    with extra("baselines", "ConicRobustMapper"):
+        import clarabel  # only here: the linear programs need no conic solver
+        from scipy import sparse
 
     m, n = effectiveness.shape
     bounded = np.flatnonzero(np.isfinite(max_on_time))

@@ -31,6 +31,7 @@ from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import Model, matrix_times_vector
 from thruster_baselines.mapping.simplex import solve_batch
 from thruster_baselines.mapping.uncertainty import RobustAllocation, spread_at, stated_spread
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -178,7 +179,8 @@ def _least_largest_miss(
     Rows are priced and scaled so that entries are of order one, and the command so that it is one: HiGHS
     allows fixed errors.
     """
-    from scipy.optimize import linprog  # only here: the other programs need no SciPy
+    with extra("baselines", "RobustEffectivenessMapper"):
+        from scipy.optimize import linprog  # only here: the other programs need no SciPy
 
     largest = (slack_cost[:, np.newaxis] * (np.abs(middle) + spread)).max()
     magnitude = (slack_cost * np.abs(command)).max()

@@ -96,8 +96,8 @@ def angular_acceleration(rate, torque, inertia, inverse):
 
     Inertia and its inverse are given as (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
     """
-    gyroscopic = cross(rate, _symmetric_product(inertia, rate))
-    return _symmetric_product(
+    gyroscopic = cross(rate, symmetric_product(inertia, rate))
+    return symmetric_product(
         inverse, (torque[0] - gyroscopic[0], torque[1] - gyroscopic[1], torque[2] - gyroscopic[2])
     )
 
@@ -109,12 +109,12 @@ def gravity_gradient(vertical, strength, inertia):
     ``vertical`` is the unit vector to or from the Earth's centre in body axes, ``strength`` three times the
     square of the mean motion. Inertia as in :func:`angular_acceleration`.
     """
-    torque = cross(vertical, _symmetric_product(inertia, vertical))
+    torque = cross(vertical, symmetric_product(inertia, vertical))
     return (strength * torque[0], strength * torque[1], strength * torque[2])
 
 
 @njit(forceinline=True)
-def _symmetric_product(m, v):
+def symmetric_product(m, v):
     """Product of a diagonal (three numbers) or symmetric matrix (six) with a vector.
 
     Which of the two is decided when the kernel is compiled.

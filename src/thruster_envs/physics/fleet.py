@@ -46,6 +46,21 @@ FEW_CRAFT, MANY_CRAFT = 6, 1024
 #: stay a thousand times below Orion's sensor noise over half an orbit.
 TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
 
+#: Nor does any craft turn further than this in a sub-step (rad) with its rate or with a torque, however fast
+#: it tumbles: its sub-steps are as short as that takes. So the error of a period is less than :data:`ERROR`
+#: times what its impulse moves a craft that does not turn (position, velocity), times the rate, and in
+#: attitude less than as many rad.
+FAR_TURN, FAR_TWIST = 0.25, 0.09
+
+#: The same behind a modulator, where a sub-step has a straight line for the thrust.
+MODULATED_TURN = 0.03
+
+#: Largest error of a period, see :data:`FAR_TURN`.
+ERROR = 2e-5
+
+#: Angle by which the orbit may turn in a sub-step, rad.
+ORBIT_TURN = 0.05
+
 #: Longest sub-step of craft behind a modulator unless another one is asked for, s.
 MODULATED_SUBSTEP = 0.1
 
@@ -339,11 +354,16 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     """(CONSTANTS,): the vehicle's scalars that the kernels read."""
     values = np.zeros(at.CONSTANTS)
     period = spacecraft.control_period
-    values[at.PERIOD], values[at.MAX_SUBSTEP] = period, period if max_substep is None else max_substep
+    orbit = ORBIT_TURN / spacecraft.mean_motion
+    values[at.PERIOD], values[at.MAX_SUBSTEP] = period, max_substep or min(period, orbit)
     values[at.TURN_LIMIT] = TURN_LIMIT if max_substep is None else np.inf
     values[at.TWIST_LIMIT] = TWIST_LIMIT if max_substep is None else np.inf
     values[at.SHORT_SUBSTEP] = SHORT_SUBSTEP if max_substep is None else values[at.MAX_SUBSTEP]
     values[at.WAVE_PART] = SHORT_SUBSTEP if max_substep is None else max_substep
+    far = MODULATED_TURN if spacecraft.modulator is not None else FAR_TURN
+    values[at.FAR_TURN] = far if max_substep is None else np.inf
+    values[at.FAR_TWIST] = FAR_TWIST if max_substep is None else np.inf
+    values[at.GYROSCOPY], values[at.SPIN_UP] = _gyroscopy(spacecraft), spin_up(spacecraft)
     values[at.SPIN_PER_TORQUE] = 1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
     values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
     values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
@@ -354,6 +374,68 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     drift = transition_matrix(spacecraft.mean_motion, spacecraft.control_period)[3:]
     values[at.VELOCITY_DRIFT : at.VELOCITY_DRIFT + 18] = drift.reshape(-1)
     return values
+
+
+#: Shortest control period of a craft that flies, s.
+SHORTEST_PERIOD = 1e-3
+
+
+def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> None:
+    """Refuse a vehicle whose flight cannot be followed within :data:`ERROR`.
+
+    With a longest sub-step of the user's own how far it turns in one is the user's to know.
+
+    Raises:
+        ValueError: One line with the number that is out of reach.
+    """
+    name, period, n = spacecraft.name, spacecraft.control_period, spacecraft.mean_motion
+    longest = flight.MOST_SUBSTEPS * SHORT_SUBSTEP
+    if not SHORTEST_PERIOD <= period <= longest:
+        raise ValueError(
+            f"control_period of {name!r} must be from {SHORTEST_PERIOD:g} to {longest:g} s to be flown, "
+            f"got {period!r}"
+        )
+    # By how much the orbit may turn in a period: modulated craft have sub-steps of 0.1 s at the longest.
+    turn, most = n * period, 0.1 if spacecraft.discharge is not None else 1.0
+    if turn > most or (spacecraft.modulator is not None and n * MODULATED_SUBSTEP > ORBIT_TURN):
+        raise ValueError(
+            f"mean_motion of {name!r} must be at most {most / period:g} rad/s, "
+            f"{most:g} rad in a control period, to be flown, got {n!r}"
+        )
+    firing = period if spacecraft.discharge is None else spacecraft.discharge.firing_time
+    used = firing * sum(
+        (1.0 + one.scatter) * one.thrust / (one.specific_impulse * STANDARD_GRAVITY)
+        for one in spacecraft.thrusters
+    )
+    dry = spacecraft.mass - min(spacecraft.feed.propellant_mass, spacecraft.mass)
+    if used > 0.0 and not used < dry:
+        raise ValueError(
+            f"all thrusters of {name!r} use up to {used:.3g} kg in a control period, which must be less than "
+            f"its mass without propellant, {dry:.3g} kg"
+        )
+    acceleration = spin_up(spacecraft)
+    rate = acceleration * period
+    constants = _scalar_constants(spacecraft, max_substep).tolist()
+    wanted = period * flight.substep_rate.py_func(rate, acceleration, constants)
+    if not wanted <= flight.MOST_SUBSTEPS:
+        raise ValueError(
+            f"the thrusters of {name!r} can turn it to {rate:.3g} rad/s in a control period of {period:g} s, "
+            f"which takes {wanted:.3g} integration sub-steps and must take at most {flight.MOST_SUBSTEPS}; "
+            "a larger inertia, weaker thrusters or a shorter control_period would do"
+        )
+
+
+def spin_up(spacecraft: Spacecraft) -> float:
+    """Largest angular acceleration that the thrusters can give together, rad/s^2; none where they pulse."""
+    if spacecraft.discharge is not None:
+        return 0.0
+    return math.hypot(*spacecraft.authority()[3:].tolist()) / spacecraft.control_period
+
+
+def _gyroscopy(spacecraft: Spacecraft) -> float:
+    """Largest difference of two principal moments of inertia over the third."""
+    a, b, c = np.linalg.eigvalsh(np.array(spacecraft.inertia))
+    return float(max((c - b) / a, (c - a) / b, (b - a) / c))
 
 
 def _symmetric(matrix: FloatArray) -> tuple[float, ...]:

@@ -23,7 +23,14 @@ from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
-from thruster_envs.physics.attitude import follow_orbit, normalised, rate_step, rotate_back, turn
+from thruster_envs.physics.attitude import (
+    follow_orbit,
+    normalised,
+    rate_step,
+    rotate_back,
+    symmetric_product,
+    turn,
+)
 from thruster_envs.physics.relative_orbit import translation_step
 from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
 from thruster_envs.random import STEP, philox, uniform_pair
@@ -33,18 +40,14 @@ _R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
 # Rows of the sums over thrusters at a node (start, middle, end) of a piece: body wrench, flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
-_BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _SPIN, _CLOCK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    9,
-)
+(
+    _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _SPIN, _RATE, _MASS, _COUNT, _TAKEN,
+    _EXTRA, _CLOCK,
+) = range(15)  # fmt: skip
+#: Most sub-steps of a craft in a period, beyond one for each piece; one that needs more is lost.
+MOST_SUBSTEPS = 8192
+#: Most rows of the schedule beside one for each corner; what finds no room waits until these are flown.
+_ROOM = 512
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
 # middle and end.
 _H, _LOAD, _ENTRY = 0, 7, 22
@@ -90,7 +93,7 @@ def fly_blocks(
     sums = np.zeros((3 * _SUMS, 32))
     impulse = np.zeros((_SUMS, 32))
     clock = np.zeros((_CLOCK, 32))
-    steps = 2 * int(constants[at.PERIOD] / constants[at.SHORT_SUBSTEP]) + 2 + corners.shape[0]
+    steps = _rows(constants) + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 32))
     cursor = np.zeros(32, np.int64)
     sight = np.zeros((SIGHT_ROWS, 32))
@@ -130,7 +133,7 @@ def fly_singly(
     sums = np.zeros((3 * _SUMS, 1))
     impulse = np.zeros((_SUMS, 1))
     clock = np.zeros((_CLOCK, 1))
-    steps = 2 * int(constants[at.PERIOD] / constants[at.SHORT_SUBSTEP]) + 2 + corners.shape[0]
+    steps = _rows(constants) + corners.shape[0]
     schedule = np.zeros((_ENTRY * steps, 1))
     cursor = np.zeros(1, np.int64)
     sight = np.zeros((SIGHT_ROWS, 1))
@@ -140,6 +143,12 @@ def fly_singly(
             inertia, inverse, radius, dynamic, fly,
             corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
         )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _rows(constants):
+    """Rows of a schedule beside one for each corner."""
+    return int(min(2.0 * constants[at.PERIOD] / constants[at.SHORT_SUBSTEP], _ROOM)) + 2
 
 
 @njit(forceinline=True)
@@ -176,30 +185,49 @@ def _fly_block(
     for w in range(lanes):
         clock[_BEFORE, w] = 0.0
         clock[_SPIN, w] = abs(state[_W, w]) + abs(state[_W + 1, w]) + abs(state[_W + 2, w])
+        clock[_RATE, w] = fastest_rate(
+            (state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY]
+        )
+        clock[_MASS, w], clock[_EXTRA, w] = state[_M, w], 0.0
         cursor[w] = 0
-    for s in range(used + 1):
-        for part in range(_parts(s, used, period, wave_part, corners, clock)):
-            for w in range(lanes):
-                length = clock[_PIECE, w] / clock[_PARTS, w]
-                clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
-            if changing:
-                _follow_changes(b, faults, clock, node_count, nodes, n)
-            _openings(valves, clock, thrusters, dynamic, node_count, nodes)
-            _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
-            if changing:
-                _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n)
-            _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
-            if fly:
-                _schedule(constants, clock, node_count, sums, schedule, cursor)
+    for s in range(used + 2):  # the last round only flies what is left on the schedule
+        for part in range(_parts(s, used, period, wave_part, corners, clock) if s <= used else 1):
+            if s <= used:
+                for w in range(lanes):
+                    length = clock[_PIECE, w] / clock[_PARTS, w]
+                    clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
+                if changing:
+                    _follow_changes(b, faults, clock, node_count, nodes, n)
+                _openings(valves, clock, thrusters, dynamic, node_count, nodes)
+                _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
+                if changing:
+                    _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n)
+                _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
+                if fly:
+                    _cut(b, data, constants, inverse, clock, node_count, sums)
+            left = fly
+            while left:
+                left = s > used or _schedule(clock, node_count, sums, schedule, cursor)
+                if left:
+                    _integrate(
+                        constants[at.MEAN_MOTION],
+                        inertia,
+                        inverse,
+                        radius,
+                        node_count,
+                        schedule,
+                        cursor,
+                        state,
+                    )
+                left = left and s <= used
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
         # Exactly at the corner: one that only a neighbour has then makes a piece of exactly no length.
         for w in range(lanes):
             clock[_BEFORE, w] = corners[s, w] if s < used else period
-    if fly:
-        _integrate(constants[at.MEAN_MOTION], inertia, inverse, radius, node_count, schedule, cursor, state)
     _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
     if fly:
+        freeze_lost(b, data, state)
         finish(b, data, state)
         expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
         look(b, data, constants, inertia, inverse, words, state, sight)
@@ -613,17 +641,18 @@ def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
 
 
 @njit(forceinline=True)
-def _schedule(constants, clock, node_count, sums, schedule, cursor):
-    """Cut the piece of each craft into its own number of equal sub-steps and add them to its schedule.
+def _cut(b, data, constants, inverse, clock, node_count, sums):
+    """Count into how many equal sub-steps the piece of each craft is cut.
 
-    Craft have their pieces at different times; with a schedule of its own each one takes only the sub-steps
-    that it needs. How far it can turn in a piece is bounded from its rate at the start of the period and the
-    torques since then.
+    Craft have their pieces at different times; each one takes only the sub-steps that it needs. How far it
+    can turn in a piece is bounded from its rate at the start of the period and the torques since then. One
+    that needs more than can be flown is lost.
     """
     last = _SUMS * (node_count - 1)
     for w in range(clock.shape[1]):
         length = clock[_LENGTH, w]
-        if length > 0.0:
+        clock[_COUNT, w], clock[_TAKEN, w] = 0.0, 0.0
+        if length > 0.0 and data[b, at.LOST, w] == 0.0:
             torque = max(
                 abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
                 abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
@@ -635,9 +664,72 @@ def _schedule(constants, clock, node_count, sums, schedule, cursor):
             )
             turns = min(turns, length / constants[at.SHORT_SUBSTEP])
             clock[_SPIN, w] += acceleration * length
-            count = math.ceil(max(length / constants[at.MAX_SUBSTEP], turns))
-            share = 1.0 / count
-            for j in range(int(count)):
+            spin_up, flow = 0.0, 0.0
+            for node in range(node_count):
+                k = _SUMS * node
+                torques = (sums[k + 3, w], sums[k + 4, w], sums[k + 5, w])
+                spin_up = max(spin_up, _size(symmetric_product(inverse, torques)))
+                flow = max(flow, sums[k + _FLOW, w])
+            clock[_RATE, w] += spin_up * length
+            turns = max(turns, length * substep_rate(clock[_RATE, w], spin_up, constants))
+            if constants[at.FAR_TURN] < math.inf:
+                clock[_MASS, w] -= flow * length
+                left = clock[_MASS, w]
+                turns = max(turns, flow * length / (_DRAIN * left) if left > 0.0 else math.inf)
+            wanted = max(length / constants[at.MAX_SUBSTEP], turns)
+            if clock[_EXTRA, w] + wanted <= MOST_SUBSTEPS + 1.0:
+                clock[_COUNT, w] = math.ceil(wanted)
+                clock[_EXTRA, w] += clock[_COUNT, w] - 1.0
+            else:
+                data[b, at.LOST, w] = 1.0
+
+
+#: Share of its mass that a craft may lose in one sub-step.
+_DRAIN = 0.1
+#: How far a craft may turn in a sub-step (rad) over its GYROSCOPY, and the angle that it may turn so in a
+#: period (rad): beyond, sub-steps are shorter, since errors of the rate add up.
+_GYROSCOPIC_TURN, _GYROSCOPIC_PERIOD = 0.09, 5.0
+
+
+@njit(forceinline=True)
+def fastest_rate(rate, gyroscopy):
+    """Bound on the size of the rate of a body without torque, rad/s: it grows where axes exchange energy."""
+    return (1.0 + 0.42 * gyroscopy) * _size(rate)
+
+
+@njit(forceinline=True)
+def substep_rate(rate, spin_up, constants):
+    """Sub-steps per second so that none turns a craft too far, at the rate that it may reach."""
+    gyroscopic = constants[at.GYROSCOPY] / _GYROSCOPIC_TURN
+    angle = rate * constants[at.PERIOD] / _GYROSCOPIC_PERIOD
+    if angle > 1.0:
+        gyroscopic *= math.sqrt(math.sqrt(angle))
+    gyroscopic = gyroscopic if constants[at.FAR_TURN] < math.inf else 0.0
+    return max(
+        rate * max(1.0 / constants[at.FAR_TURN], gyroscopic), math.sqrt(spin_up / constants[at.FAR_TWIST])
+    )
+
+
+@njit(forceinline=True)
+def _size(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit(forceinline=True)
+def _schedule(clock, node_count, sums, schedule, cursor):
+    """Write the sub-steps of the piece of each craft into its schedule, as far as there is room.
+
+    Returns whether there are some left.
+    """
+    room, left = schedule.shape[0] // _ENTRY, False
+    for w in range(clock.shape[1]):
+        if clock[_COUNT, w] > 0.0:
+            length, share = clock[_LENGTH, w], 1.0 / clock[_COUNT, w]
+            first = int(clock[_TAKEN, w])
+            last = min(int(clock[_COUNT, w]), first + room - cursor[w])
+            clock[_TAKEN, w] = last
+            left |= clock[_TAKEN, w] < clock[_COUNT, w]
+            for j in range(first, last):
                 row = _ENTRY * cursor[w]
                 cursor[w] += 1
                 schedule[row + _H, w] = length * share
@@ -649,6 +741,7 @@ def _schedule(constants, clock, node_count, sums, schedule, cursor):
                         for node in range(3):
                             at_node = _quadratic(sums, w, k, (j + 0.5 * node) * share)
                             schedule[row + 1 + _LOAD * node + k, w] = at_node
+    return left
 
 
 @njit(forceinline=True)
@@ -661,7 +754,7 @@ def _quadratic(sums, w, k, s):
 
 @njit(forceinline=True)
 def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state):
-    """Move the craft of the block through their schedules.
+    """Move the craft of the block through their schedules, and empty these.
 
     Those with fewer sub-steps wait: their last ones have no length.
     """
@@ -672,6 +765,7 @@ def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state)
     for w in range(lanes):
         for j in range(cursor[w], most):
             schedule[_ENTRY * j + _H, w] = 0.0
+        cursor[w] = 0
     middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
     for j in range(most):
         a = _ENTRY * j + 1
@@ -729,6 +823,22 @@ def _specific(force, mass, push):
     if push is None:
         return (inverse * force[0], inverse * force[1], inverse * force[2])
     return (inverse * force[0] + push[0], inverse * force[1] + push[1], inverse * force[2] + push[2])
+
+
+@njit(forceinline=True)
+def freeze_lost(b, data, state):
+    """Put craft that are lost back to where they were at the start of the period, and mark them so.
+
+    Lost are those that turned too fast to be followed, and those of which a number is no longer finite.
+    """
+    for w in range(state.shape[1]):
+        zero = 0.0
+        for k in range(_STATE):
+            zero += 0.0 * state[k, w]
+        if data[b, at.LOST, w] > 0.0 or not (zero == 0.0 and state[_M, w] > 0.0):
+            data[b, at.LOST, w] = 1.0
+            for k in range(_STATE):
+                state[k, w] = data[b, k, w]
 
 
 @njit(forceinline=True)

@@ -26,7 +26,8 @@ MEASURED = 16  # 13: position, velocity, attitude, rate
 MEASURED_CHANGE = 29  # 6, rate change of the last period as measured, body axes, drift removed
 EXPECTED_CHANGE = 35  # 6, the same as the nominal vehicle would have given
 IMPULSE = 41  # 6, what the thrusters gave in the last period: N s and N m s, body axes
-SCALARS = 47
+LOST = 47  # 1 once the craft could not be followed any further: it stays where it was; else 0
+SCALARS = 48
 
 # A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that
 # the thruster would give if its thrust were turned by a right angle towards the fault's azimuth.
@@ -45,11 +46,17 @@ PERIOD, MAX_SUBSTEP, MEAN_MOTION, COUPLING, DRY_MASS = 0, 1, 2, 3, 4
 UNIFORM_ERRORS = 5  # 1 where measurement errors are uniform, 0 where they are normal
 SIGMA_POSITION, SIGMA_VELOCITY, SIGMA_ATTITUDE, SIGMA_RATE = 6, 7, 8, 9
 # Sub-steps: none longer than MAX_SUBSTEP (s); more of them while the craft would turn further in one than
-# TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s). A
-# sine is followed in parts no longer than WAVE_PART (s).
+# TURN_LIMIT by its rate or TWIST_LIMIT by a torque (rad), but then none shorter than SHORT_SUBSTEP (s) unless
+# it would turn further than FAR_TURN or FAR_TWIST (rad). A sine is followed in parts no longer than WAVE_PART
+# (s).
 TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP, WAVE_PART, SPIN_PER_TORQUE = 10, 11, 12, 13, 14
-VELOCITY_DRIFT = 15  # 18: lower half of the HCW transition matrix over one period, row by row
-CONSTANTS = 33
+FAR_TURN, FAR_TWIST = 15, 16
+GYROSCOPY = (
+    17  # how strongly rates turn each other: largest difference of two principal moments over the third
+)
+SPIN_UP = 18  # rad/s^2, the most that the thrusters give together
+VELOCITY_DRIFT = 19  # 18: lower half of the HCW transition matrix over one period, row by row
+CONSTANTS = 37
 
 # Rows of ``streams`` (blocks, STREAM_ROWS, lanes), uint64: the randomness of a craft is a function of these
 # and of its STEP.

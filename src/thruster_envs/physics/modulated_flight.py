@@ -34,7 +34,15 @@ from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
 from thruster_envs.physics import layout as at
-from thruster_envs.physics.flight import draw_words, finish, substep
+from thruster_envs.physics.flight import (
+    MOST_SUBSTEPS,
+    draw_words,
+    fastest_rate,
+    finish,
+    freeze_lost,
+    substep,
+    substep_rate,
+)
 from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
 from thruster_envs.random import VALVES, cos_sin_turns, philox, uniform_pair
 from thruster_envs.spacecraft import Modulator, Spacecraft
@@ -65,7 +73,7 @@ class Vehicle(NamedTuple):
 
 
 # Rows of a block's moving state, as in ``data``.
-_M, _STATE = 13, 14
+_W, _M, _STATE = 10, 13, 14
 # Groups of rows of one pulse: opening and closing, s of the period, and the on-time that was commanded, s.
 _OPENS, _CLOSES, _ON_TIME, _PULSE = range(4)
 # Per-thruster groups of rows of the valves. Level of the thrust now and at the start of the sub-step, 1 over
@@ -84,6 +92,9 @@ _STEADY, _CHANGING = 1.0, 2.0
 _WRENCH, _MASS_FLOW, _MOMENT, _SUMS = 0, 6, 7, 14
 # Rows of the scratch of a valve: time open, its first moment, what it adds to the level, end of the pulse.
 _TIME, _TIME_MOMENT, _RISE, _CURSOR, _SCRATCH = range(5)
+# Rows of the clock: start of the sub-step, s of the period; its length, s, 0 for a craft that waits for its
+# neighbours; number of the sub-steps of a craft, and the length of each of them, s.
+_START, _H, _COUNT, _EACH, _CLOCK = range(5)
 
 
 @kernel(nogil=True)
@@ -102,12 +113,13 @@ def fly_blocks(data, faults, streams, vehicle, fly, first, last):
     state = np.zeros((_STATE, 32))
     sums = np.zeros((_SUMS, 32))
     scratch = np.zeros((_SCRATCH, 32))
+    clock = np.zeros((_CLOCK, 32))
     sight = np.zeros((SIGHT_ROWS, 32))
     corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
     for b in range(first, last):
         _fly_block(
             b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
-            scratch, sight, corners,
+            scratch, clock, sight, corners,
         )  # fmt: skip
 
 
@@ -122,12 +134,13 @@ def fly_singly(data, faults, streams, vehicle, fly, first, last):
     state = np.zeros((_STATE, 1))
     sums = np.zeros((_SUMS, 1))
     scratch = np.zeros((_SCRATCH, 1))
+    clock = np.zeros((_CLOCK, 1))
     sight = np.zeros((SIGHT_ROWS, 1))
     corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
     for b in range(first, last):
         _fly_block(
             b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
-            scratch, sight, corners,
+            scratch, clock, sight, corners,
         )  # fmt: skip
 
 
@@ -139,6 +152,28 @@ def draw_phases(data, streams, which, craft, row):
         for c in range(craft):
             b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
             data[b, row, w] = uniform_pair(_valve_words(b, w, streams, 0xFFFFFFFF, 0)[0])[0]
+
+
+@njit(forceinline=True)
+def _cut(b, data, constants, modulator, fly, state, clock):
+    """Into how many equal sub-steps each craft cuts the period; returns the most of them.
+
+    One that would need more than can be flown is lost.
+    """
+    most, fewest, period = 0, modulator[SUBSTEPS], constants[at.PERIOD]
+    for w in range(state.shape[1]):
+        clock[_COUNT, w] = fewest
+        if fly and data[b, at.LOST, w] == 0.0:
+            rate = fastest_rate((state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY])
+            spin_up = constants[at.SPIN_UP]
+            wanted = period * substep_rate(rate + spin_up * period, spin_up, constants)
+            if wanted > fewest:
+                clock[_COUNT, w] = math.ceil(min(wanted, MOST_SUBSTEPS))
+            if not wanted <= MOST_SUBSTEPS:
+                clock[_COUNT, w], data[b, at.LOST, w] = fewest, 1.0
+        clock[_EACH, w] = period / clock[_COUNT, w]
+        most = int(clock[_COUNT, w]) if clock[_COUNT, w] > most else most
+    return most
 
 
 @njit(forceinline=True)
@@ -154,7 +189,7 @@ def _valve_words(b, w, streams, block, step):
 @njit(forceinline=True)
 def _fly_block(
     b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums, scratch,
-    sight, corners,
+    clock, sight, corners,
 ):  # fmt: skip
     thrusters, constants, modulator = vehicle.thrusters, vehicle.constants, vehicle.modulator
     n, lanes, period = thrusters.shape[1], state.shape[1], constants[at.PERIOD]
@@ -187,18 +222,20 @@ def _fly_block(
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = 0.0
-    pieces = int(modulator[SUBSTEPS])
-    h = period / pieces
-    for s in range(pieces):
-        _follow_valves(pulses, count, s * h, h, valves, scratch, n)
+    for s in range(_cut(b, data, constants, modulator, fly, state, clock)):
+        for w in range(lanes):
+            clock[_H, w] = clock[_EACH, w] if s < clock[_COUNT, w] else 0.0
+            clock[_START, w] = s * clock[_EACH, w] if s < clock[_COUNT, w] else period
+        _follow_valves(pulses, count, clock, valves, scratch, n)
         _sum_thrusters(thrusters, columns, valves, sums)
         if changing:
             for w in range(lanes):
-                start = data[b, at.STEP, w] * period + s * h
+                before, h = clock[_START, w], clock[_H, w]
+                start = data[b, at.STEP, w] * period + before
                 for i in range(n):
-                    if valves[_FAULTY * n + i, w] == _CHANGING:
+                    if valves[_FAULTY * n + i, w] == _CHANGING and h > 0.0:
                         _follow_changes(
-                            b, w, i, faults, start, s * h, h, pulses, count, thrusters, valves, columns,
+                            b, w, i, faults, start, before, h, pulses, count, thrusters, valves, columns,
                             sums, corners,
                         )  # fmt: skip
         for i in range(n):
@@ -209,9 +246,10 @@ def _fly_block(
             for w in range(lanes):
                 data[b, at.IMPULSE + k, w] += sums[k, w]
         if fly:
-            _move(b, data, push, vehicle, h, sums, state)
+            _move(b, data, push, vehicle, clock, sums, state)
     _store(b, data, count, further, period, pulses, valves, n)
     if fly:
+        freeze_lost(b, data, state)
         finish(b, data, state)
         expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
         look(b, data, constants, vehicle.inertia, vehicle.inverse, words, state, sight)
@@ -372,8 +410,8 @@ def falling(x):
 
 
 @njit(forceinline=True)
-def _follow_valves(pulses, count, before, h, valves, scratch, n):
-    """Impulse and first moment of every thruster over the ``h`` seconds from ``before`` on, by its pulses.
+def _follow_valves(pulses, count, clock, valves, scratch, n):
+    """Impulse and first moment of every thruster over the sub-step of each craft, by its pulses.
 
     The lag turns the time open and its moment, ``G0`` and ``G1``, into those of the level, ``Q0 = G0 - tau
     (q1 - q0)`` and ``Q1 = G1 - tau (h q1 - Q0)``, with the levels ``q0`` and ``q1`` at both ends.
@@ -387,6 +425,7 @@ def _follow_valves(pulses, count, before, h, valves, scratch, n):
         for p in range(count):
             opens_row, closes_row = (_PULSE * p + _OPENS) * n + i, (_PULSE * p + _CLOSES) * n + i
             for w in range(lanes):
+                before, h = clock[_START, w], clock[_H, w]
                 start, end = pulses[opens_row, w] - before, pulses[closes_row, w] - before
                 start = start if start > scratch[_CURSOR, w] else scratch[_CURSOR, w]
                 start = start if start < h else h
@@ -398,6 +437,7 @@ def _follow_valves(pulses, count, before, h, valves, scratch, n):
                 scratch[_RISE, w] += falling((h - end) * rate) - falling((h - start) * rate)
                 scratch[_CURSOR, w] = end
         for w in range(lanes):
+            h = clock[_H, w]
             floor, slope, rate = valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w], valves[rate_row, w]
             level, kept = valves[_LEVEL * n + i, w], falling(h * rate)
             opened = floor * h + slope * scratch[_TIME, w]
@@ -562,11 +602,12 @@ def _is_open(w, i, pulses, count, n, t):
 
 
 @njit(forceinline=True)
-def _move(b, data, push, vehicle, h, sums, state):
+def _move(b, data, push, vehicle, clock, sums, state):
     """One sub-step of every craft of a block, under straight lines of the same impulse and first moment."""
     lanes, n = state.shape[1], vehicle.constants[at.MEAN_MOTION]
     for k in range(_MOMENT):
         for w in range(lanes):
+            h = clock[_H, w] if clock[_H, w] > 0.0 else 1.0  # one that waits has no impulse
             mean = sums[k, w] / h
             sums[_MOMENT + k, w] = 6.0 * (sums[_MOMENT + k, w] / (h * h) - 0.5 * mean)
             sums[k, w] = mean
@@ -577,7 +618,7 @@ def _move(b, data, push, vehicle, h, sums, state):
         dt = (sums[10, w], sums[11, w], sums[12, w])
         flow, change = sums[_MASS_FLOW, w], sums[_MOMENT + _MASS_FLOW, w]
         substep(
-            state, w, h, n, vehicle.inertia, vehicle.inverse, vehicle.radius,
+            state, w, clock[_H, w], n, vehicle.inertia, vehicle.inverse, vehicle.radius,
             (f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2]),
             (t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2]),
             flow - change, flow, flow + change,

@@ -46,7 +46,13 @@ from thruster_envs.physics.attitude import (
     rotate,
     turn,
 )
-from thruster_envs.physics.flight import draw_words
+from thruster_envs.physics.flight import (
+    MOST_SUBSTEPS,
+    draw_words,
+    fastest_rate,
+    freeze_lost,
+    substep_rate,
+)
 from thruster_envs.physics.plasma_pulse import pulse_ratio, pulse_shares, strikes
 from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
 from thruster_envs.random import uniform_pair
@@ -89,7 +95,19 @@ _FIRES, _STRENGTH, _SHARE, _THRUST, _DELAY, _NOMINAL, _FIRING_GROUPS = range(7)
 # Rows of the clock: start of the period in s of the episode; cosine and sine of the angle by which the
 # vertical has turned by then; start, end and length of the piece to fly, s of the period; torque, N m, and
 # impulse at its start, N m s, body axes.
-_START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _CLOCK = 0, 1, 2, 3, 4, 5, 6, 9, 12
+# Then in how many sub-steps a craft flies the piece.
+_START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _COUNT, _CLOCK = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    9,
+    12,
+    13,
+)
 #: Rows of what faults make of thrusters: share of a discharge that comes about without a command and what a
 #: command adds to it, thrust of a discharge as a share of nominal, delay in s.
 FLOOR, SLOPE, GAIN, DELAY, HEALTH_GROUPS = range(5)
@@ -162,12 +180,13 @@ def _fly_block(
     if fly:
         _find_vertical(constants, clock)
         if late:
-            _fly_in_pieces(constants, pulsed, inertia, inverse, firings, columns, state, clock)
+            _fly_in_pieces(b, data, constants, pulsed, inertia, inverse, firings, columns, state, clock)
         else:
             for k in range(3):
                 for w in range(lanes):
                     clock[_KICK + k, w] = data[b, at.IMPULSE + 3 + k, w]
-            _move(constants, pulsed, inertia, inverse, state, clock)
+            _move(b, data, constants, pulsed, inertia, inverse, state, clock)
+        freeze_lost(b, data, state)
         for w in range(lanes):
             q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
             state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
@@ -292,7 +311,7 @@ def _find_vertical(constants, clock):
 
 
 @njit(forceinline=True)
-def _fly_in_pieces(constants, pulsed, inertia, inverse, firings, columns, state, clock):
+def _fly_in_pieces(b, data, constants, pulsed, inertia, inverse, firings, columns, state, clock):
     """Fly the period from late pulse to late pulse.
 
     A craft with fewer of them than a neighbour waits: its last pieces have no length and change nothing.
@@ -302,7 +321,7 @@ def _fly_in_pieces(constants, pulsed, inertia, inverse, firings, columns, state,
     while flying:
         for w in range(lanes):
             _next_pulse(w, period, pulsed[FIRING_TIME], firings, columns, clock, n)
-        _move(constants, pulsed, inertia, inverse, state, clock)
+        _move(b, data, constants, pulsed, inertia, inverse, state, clock)
         flying = False
         for w in range(lanes):
             clock[_BEFORE, w] = clock[_UNTIL, w]
@@ -327,18 +346,29 @@ def _next_pulse(w, period, time, firings, columns, clock, n):
 
 
 @njit(forceinline=True)
-def _move(constants, pulsed, inertia, inverse, state, clock):
+def _move(b, data, constants, pulsed, inertia, inverse, state, clock):
     """Give every craft the impulse that is due and let it move for the length of the piece."""
-    lanes, mean_motion, steps = state.shape[1], constants[at.MEAN_MOTION], int(pulsed[SUBSTEPS])
+    lanes, mean_motion, fewest = state.shape[1], constants[at.MEAN_MOTION], pulsed[SUBSTEPS]
+    most = 0
     for w in range(lanes):
         kick = angular_acceleration(
             (0.0, 0.0, 0.0), (clock[_KICK, w], clock[_KICK + 1, w], clock[_KICK + 2, w]), inertia, inverse
         )
         state[_W, w], state[_W + 1, w] = state[_W, w] + kick[0], state[_W + 1, w] + kick[1]
         state[_W + 2, w] = state[_W + 2, w] + kick[2]
-    for step in range(steps):
+        clock[_COUNT, w] = fewest
+        if data[b, at.LOST, w] == 0.0:
+            rate = fastest_rate((state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY])
+            spin_up = constants[at.SPIN_UP]
+            wanted = clock[_LENGTH, w] * substep_rate(rate + spin_up * clock[_LENGTH, w], spin_up, constants)
+            if wanted > fewest:
+                clock[_COUNT, w] = math.ceil(min(wanted, MOST_SUBSTEPS))
+            if not wanted <= MOST_SUBSTEPS:
+                clock[_COUNT, w], data[b, at.LOST, w] = fewest, 1.0
+        most = int(clock[_COUNT, w]) if clock[_COUNT, w] > most else most
+    for step in range(most):
         for w in range(lanes):
-            h = clock[_LENGTH, w] / steps
+            h = clock[_LENGTH, w] / clock[_COUNT, w] if step < clock[_COUNT, w] else 0.0
             offset = clock[_BEFORE, w] + step * h
             vertical = (clock[_COSINE, w], clock[_SINE, w])
             q, rate = _turned(

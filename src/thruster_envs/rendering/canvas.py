@@ -80,7 +80,6 @@ class Canvas:
         self._fonts: dict[int, pygame.font.Font] = {}
         self._widths: dict[tuple[str, int], int] = {}
         self._rendered: dict[tuple[str, int, Color], pygame.Surface] = {}
-        pygame.font.init()
 
     # Shapes.
 
@@ -217,7 +216,8 @@ class Canvas:
 
     def _font(self, size: int) -> pygame.font.Font:
         font = self._fonts.get(size)
-        if font is None:
+        if font is None or not _lives(font):
+            pygame.font.init()
             font = self._fonts[size] = pygame.font.Font(None, size * TEXT_FACTOR)
         return font
 
@@ -239,6 +239,15 @@ def _keep(kept: dict[Key, Value], key: Key, value: Value) -> None:
     kept[key] = value
     if len(kept) > KEPT_TEXTS:
         del kept[next(iter(kept))]
+
+
+def _lives(font: pygame.font.Font) -> bool:
+    """Whether nobody has quit pygame, or its fonts, since the font was made."""
+    try:
+        font.get_height()
+    except pygame.error:
+        return False
+    return True
 
 
 def _printable(text: str) -> str:

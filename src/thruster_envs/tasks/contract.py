@@ -17,8 +17,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
-from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.fleet import Fleet, check_flyable
+from thruster_envs.physics.flight import MOST_SUBSTEPS
 from thruster_envs.spacecraft import Spacecraft, load
 
 FloatArray = NDArray[np.float64]
@@ -99,6 +101,24 @@ def check_positive(task: Any, *names: str) -> None:
             raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
 
 
+def check_range(task: Any, low: float, high: float, unit: str, *names: str) -> None:
+    """Refuse a task of which one of these attributes is not a number from ``low`` to ``high``.
+
+    Raises:
+        ValueError: One line that names it.
+    """
+    for name in names:
+        value = getattr(task, name)
+        if not low <= value <= high:
+            raise ValueError(f"{name} must be from {low:g} to {high:g}{unit}, got {value!r}")
+
+
+def axis_scale(vehicle: Spacecraft) -> FloatArray:
+    """(6,): what the rate change on each axis is divided by: the authority, infinite where there is none."""
+    authority = vehicle.authority()
+    return np.where(authority > 0.0, authority, np.inf)
+
+
 @dataclass
 class TaskState:
     """The arrays of a batch of worlds. Tasks add their own; every array has the world as its first axis."""
@@ -137,6 +157,10 @@ class Task(ABC):
         fault_slots: Faults that one craft can have in an episode.
         nonlinear: Fly by the full two-body relative equations instead of Hill's.
         max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs.
+
+    Raises:
+        ValueError: A value that a field cannot have, or a vehicle that cannot be flown within
+            :data:`~thruster_envs.physics.fleet.ERROR`; one line says which and why.
     """
 
     spacecraft: Any = "orion"
@@ -151,15 +175,21 @@ class Task(ABC):
     reward_terms: ClassVar[tuple[str, ...]]
     #: Steps after which the views cut an episode; None where the task itself ends it.
     max_episode_steps: ClassVar[int | None]
+    #: Whether its craft move.
+    flies: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        coerce_fields(self)
         object.__setattr__(self, "vehicle", load(self.spacecraft))
         check_whole("fault_slots", self.fault_slots, 1, 64)
-        if self.max_substep is not None and not 0.0 < self.max_substep <= 60.0:
+        shortest = self.vehicle.control_period / MOST_SUBSTEPS
+        if self.max_substep is not None and not shortest <= self.max_substep <= 60.0:
             raise ValueError(
-                f"max_substep is {self.max_substep!r} s; above 0 and at most 60 s would be right "
-                "(its error grows with the fourth power)"
+                f"max_substep must be from {shortest:.3g} s ({MOST_SUBSTEPS} in a control period) to 60 s "
+                f"(its error grows with the fourth power), got {self.max_substep!r}"
             )
+        if self.flies:
+            check_flyable(self.vehicle, self.max_substep)
         self.fault_source()
 
     # What it looks like from outside --------------------------------------------------------------------
@@ -214,9 +244,17 @@ class Task(ABC):
         """Control periods after which the task itself ends an episode; None where it never does."""
         return None
 
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
+        return ()
+
+    def faults_from(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+        """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
+        return self.default_faults() if faults is None else as_faults(faults)
+
     def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
         """The faults of the configuration as records or as a distribution."""
-        return as_faults(self.faults)
+        return self.faults_from(self.faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 

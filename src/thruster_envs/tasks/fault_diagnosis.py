@@ -86,7 +86,7 @@ class DiagnosisModel:
     """The configuration in numbers.
 
     Attributes:
-        authority: (6,), m/s and rad/s per period.
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
         projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
             periods.
         limits: (11,).
@@ -188,14 +188,8 @@ class FaultDiagnosis(Task):
         """What a variant of the task observes beyond that."""
         return ()
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
-
-        By default, in four flights of five, one thruster that fails in the first half of the flight, in any
-        mode.
-        """
-        if self.faults is not None:
-            return super().fault_source()
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four flights of five, one thruster that fails in the first half, in any mode."""
         return FaultDistribution(
             probability=0.8,
             kinds={"stuck_off": 1.0, "loss": 2.0, "leak": 1.0, "stuck_on": 1.0, "misalignment": 1.0},
@@ -224,7 +218,7 @@ class FaultDiagnosis(Task):
         numbers = MappingModel.of(vehicle)
         frequencies = TRANSLATION / period, ROTATION / period
         pull = frequencies[0] ** 2 * period  # m/s that the pilot asks for in a period, for each m of distance
-        reach = numbers.authority[:3].min() / (3.0 * pull) if self.reach is None else self.reach
+        reach = vehicle.authority()[:3].min() / (3.0 * pull) if self.reach is None else self.reach
         limits = (
             period, vehicle.mean_motion, reach, float(self.leg), self.range_limit, self.rate_limit,
             self.rate_soft_limit(),
@@ -472,7 +466,8 @@ def _settle(data, streams, limits, slots, declared, account, first, last):
             turning += spin[k] * spin[k]
         turning = math.sqrt(turning)
         row[_COST] = max(0.0, turning / limits[_RATE_SOFT_LIMIT] - 1.0)
-        lost = math.sqrt(distance) > limits[_RANGE_LIMIT] or turning > limits[_RATE_LIMIT]
+        near = math.sqrt(distance) <= limits[_RANGE_LIMIT] and turning <= limits[_RATE_LIMIT]
+        lost = not (near and data[b, at.LOST, w] == 0.0)
         if lost and row[_OVER] == 0.0:
             left = max(0.0, FLIGHT - data[b, at.STEP, w])
             for k in range(_WRONG_NAME + 1):

@@ -464,7 +464,7 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
                 data[b, at.RATE, w] ** 2 + data[b, at.RATE + 1, w] ** 2 + data[b, at.RATE + 2, w] ** 2
             )
             mine[_COST] = max(0.0, spin / limits[_RATE_SOFT_LIMIT] - 1.0)
-            if spin > limits[_RATE_LIMIT]:
+            if not (data[b, at.LOST, w] == 0.0 and spin <= limits[_RATE_LIMIT]):
                 over[world] = 1.0
         b, w = place(world, 0, craft, lanes)
         if limits[_INTERVAL] > 0.0 and data[b, at.STEP, w] % limits[_INTERVAL] == 0.0:

@@ -39,6 +39,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    axis_scale,
     check_positive,
     check_whole,
 )
@@ -149,14 +150,13 @@ class FormationKeeping(Task):
             vehicle, worlds, self.craft, slots=self.fault_slots, nonlinear=self.nonlinear,
             max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
-        authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
         limits = np.array(
             [vehicle.control_period, vehicle.mean_motion, self.radius, self.slot_tolerance, self.keep_out,
              self.range_limit, self.rate_limit, price]
         )  # fmt: skip
         return FormationState(
-            fleet, FormationModel(authority, limits, Pilot.of(vehicle)), np.zeros(worlds),
+            fleet, FormationModel(axis_scale(vehicle), limits, Pilot.of(vehicle)), np.zeros(worlds),
             np.zeros((worlds, self.craft, 6)), np.zeros((worlds, self.craft, _ACCOUNT)), np.zeros(worlds),
         )  # fmt: skip
 
@@ -284,7 +284,8 @@ def _judge(data, limits, phase, slots, account, over):
             account[world, c, _COLLISIONS] += account[world, c, _COST]
             account[world, c, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
             account[world, c, _KEPT] += 1.0 if away <= limits[_SLOT_BOX] else 0.0
-            if away > limits[_RANGE_LIMIT] or spinning > limits[_RATE_LIMIT]:
+            followed = data[b, at.LOST, w] == 0.0
+            if not (followed and away <= limits[_RANGE_LIMIT] and spinning <= limits[_RATE_LIMIT]):
                 over[world] = 1.0
 
 

@@ -54,6 +54,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    axis_scale,
     check_positive,
     check_whole,
 )
@@ -96,7 +97,7 @@ class ApproachModel:
     """The configuration in numbers.
 
     Attributes:
-        authority: (6,), m/s and rad/s per period.
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
         limits: (14,).
         pilot: The scripted one.
         disturbances: (5,), as :class:`~thruster_envs.physics.disturbances.Disturbances` gives them.
@@ -256,7 +257,7 @@ class MarsRendezvous(Task):
         dispersion = self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
         numbers = Disturbances().numbers(vehicle)
         return ApproachModel(
-            np.maximum(vehicle.authority(), np.finfo(np.float64).tiny), np.array(limits), self._pilot,
+            axis_scale(vehicle), np.array(limits), self._pilot,
             numbers if self.disturbances else np.zeros_like(numbers), np.array(dispersion),
             np.array([thruster.position for thruster in vehicle.thrusters]),
         )  # fmt: skip
@@ -482,7 +483,8 @@ def _judge(data, limits, sights, estimate, account, first, last):
             and spin <= limits[_SPIN_LIMIT]
         )
         end = _RUNNING
-        if spin > limits[_RATE_LIMIT] or (distance < _KEEP_OUT and offset > free):
+        followed = data[b, at.LOST, w] == 0.0 and spin <= limits[_RATE_LIMIT]
+        if not followed or (distance < _KEEP_OUT and offset > free):
             end = _LOST
         elif r[1] >= 0.0:
             end = _CAPTURED if captured else _MISSED

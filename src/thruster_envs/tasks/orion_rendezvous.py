@@ -38,6 +38,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    axis_scale,
     check_positive,
 )
 from thruster_envs.tasks.shaping import delta_v_to_go
@@ -61,7 +62,12 @@ _POTENTIAL, _OPEN_TIME, _FUEL, _PROGRESS, _ARRIVAL, _COST, _OVER, _SCORE, _SUCCE
 
 @dataclass(frozen=True)
 class RendezvousModel:
-    """The configuration in numbers: authority (6,) of a period, m/s and rad/s, and the limits (14,)."""
+    """The configuration in numbers.
+
+    Attributes:
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
+        limits: (14,).
+    """
 
     authority: FloatArray
     limits: FloatArray
@@ -149,10 +155,10 @@ class OrionRendezvous(Task):
 
     def _model(self) -> RendezvousModel:
         vehicle = self.vehicle
-        authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
+        authority = vehicle.authority()
         # What a thruster-second and a rad/s are worth in m/s: the exchange rates between fuel and motion.
         thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
-        lever = float(authority[:3].mean() / authority[3:].mean())
+        lever = float(authority[:3].mean() / authority[3:].mean()) if authority[3:].any() else 0.0
         reference = delta_v_to_go(
             self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion
         )
@@ -162,7 +168,7 @@ class OrionRendezvous(Task):
             self.position_tolerance, self.velocity_tolerance, self.attitude_tolerance, self.rate_tolerance,
             self.range_limit, self.rate_limit, self.rate_soft_limit, math.hypot(*self.start),
         )  # fmt: skip
-        return RendezvousModel(authority, np.array(limits))
+        return RendezvousModel(axis_scale(vehicle), np.array(limits))
 
     def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
@@ -261,9 +267,11 @@ def _judge(data, limits, account, first, last):
         potential = _potential(r, v, angle, rate, to_go * limits[_PERIOD], limits)
         fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
         distance, spin = _length(r), _length(rate)
-        lost = distance > limits[_RANGE_LIMIT] or spin > limits[_RATE_LIMIT]
+        followed = data[b, at.LOST, w] == 0.0
+        lost = not (followed and distance <= limits[_RANGE_LIMIT] and spin <= limits[_RATE_LIMIT])
         inside = (
-            distance <= limits[_POSITION_BOX]
+            followed
+            and distance <= limits[_POSITION_BOX]
             and _length(v) <= limits[_VELOCITY_BOX]
             and _length(angle) <= limits[_ATTITUDE_BOX]
             and spin <= limits[_RATE_BOX]

@@ -141,6 +141,7 @@ class PulseDiagnosis(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("right", "delay", "false_alarm", "wrong_name")
     max_episode_steps: ClassVar[int | None] = PULSES
+    flies: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -215,14 +216,11 @@ class PulseDiagnosis(Task):
             Feature("true added resistance", 1, 10.0, f"{FULL_SCALE['conductivity_loss']:g} ohm", 0.0),
         )
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four episodes of five, one fault of the discharge that begins in the first half.
 
-        By default, in four episodes of five, one fault of the discharge that begins in the first half, at
-        once or growing, and does not always make the pulses faulty.
+        It begins at once or grows, and does not always make the pulses faulty.
         """
-        if self.faults is not None:
-            return super().fault_source()
         return FaultDistribution(
             probability=0.8,
             kinds=DISCHARGE_KINDS,

@@ -24,7 +24,16 @@ from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
 from thruster_envs.tasks.access import bounded, command_duties, place, true_model, write_oracle_view
-from thruster_envs.tasks.contract import Feature, FloatArray, Observations, Outcome, Task, TaskState, Truth
+from thruster_envs.tasks.contract import (
+    Feature,
+    FloatArray,
+    Observations,
+    Outcome,
+    Task,
+    TaskState,
+    Truth,
+    axis_scale,
+)
 
 #: Kinds of command, equally likely: one axis; all axes within reach; all axes beyond reach; all axes, tiny.
 SINGLE_AXIS, COUPLED, SATURATING, TINY = 0, 1, 2, 3
@@ -39,8 +48,8 @@ class MappingModel:
     Attributes:
         effectiveness: (6, n), m/s^2 and rad/s^2.
         projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
-            periods, axes weighted by the noise.
-        authority: (6,), m/s and rad/s per period.
+            periods, axes weighted by the noise; one with neither authority nor noise does not count.
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
         fuel_cost: (n,), per s.
         slack_cost: (6,), per m/s and rad/s.
         noise: (6,), standard deviation of a measured rate change (two measurements), m/s and rad/s.
@@ -59,18 +68,31 @@ class MappingModel:
 
     @classmethod
     def of(cls, vehicle: Spacecraft) -> MappingModel:
-        """Numbers of a vehicle."""
+        """Numbers of a vehicle.
+
+        Raises:
+            ValueError: Thrusters of which the effect is too small or too large for numbers of 64 bits.
+        """
         effectiveness, period = vehicle.effectiveness(), vehicle.control_period
         fuel_cost, slack_cost = objective_weights(effectiveness, period)
-        authority = np.maximum(vehicle.authority(), np.finfo(np.float64).tiny)
+        authority = vehicle.authority()
         sensors = vehicle.sensors
         noise = np.sqrt(2.0) * np.repeat([sensors.velocity, sensors.rate], 3)
-        weights = 1.0 / np.maximum(noise, 1e-3 * authority) ** 2
-        whitened = effectiveness.T * weights
-        projection = whitened / (whitened @ effectiveness).diagonal()[:, np.newaxis] / period
+        spread = np.maximum(noise, 1e-3 * authority)
+        with np.errstate(all="ignore"):
+            weights = np.where(spread > 0.0, 1.0 / spread**2, 0.0)
+            whitened = effectiveness.T * weights
+            projection = whitened / (whitened @ effectiveness).diagonal()[:, np.newaxis] / period
+        if not np.isfinite(projection).all():
+            raise ValueError(
+                f"the thrusters of {vehicle.name!r} cannot be weighed by its authority, too small or "
+                f"too large on an axis: {authority.tolist()} m/s and rad/s in a control period"
+            )
         inverse = np.linalg.inv(np.array(vehicle.inertia))
         scale = float(slack_cost @ vehicle.authority())
-        return cls(effectiveness, projection, authority, fuel_cost, slack_cost, noise, inverse, scale)
+        return cls(
+            effectiveness, projection, axis_scale(vehicle), fuel_cost, slack_cost, noise, inverse, scale
+        )
 
 
 @dataclass
@@ -96,6 +118,7 @@ class ThrusterMapping(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("miss", "fuel")
     max_episode_steps: ClassVar[int | None] = COMMANDS
+    flies: ClassVar[bool] = False
 
     @cached_property
     def features(self) -> tuple[Feature, ...]:
@@ -111,14 +134,8 @@ class ThrusterMapping(Task):
             *self.oracle_features(),
         )
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
-
-        By default a thruster that is dead or weak from some command of the first half on, in four worlds of
-        five.
-        """
-        if self.faults is not None:
-            return super().fault_source()
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four worlds of five, a thruster that is dead or weak from some command of the first half on."""
         period = self.vehicle.control_period
         return FaultDistribution(
             probability=0.8,
@@ -232,7 +249,7 @@ def _draw_commands(data, streams, which, authority, commands):
             1.0 if kind == SINGLE_AXIS else 0.3 if kind == COUPLED else 1.5 if kind == SATURATING else 0.02
         )
         for k in range(6):
-            taken = kind != SINGLE_AXIS or k == axis
+            taken = (kind != SINGLE_AXIS or k == axis) and authority[k] < np.inf
             commands[world, k] = reach * (2.0 * uniform[2 + k] - 1.0) * authority[k] if taken else 0.0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
@@ -28,6 +29,8 @@ _MOST_DOTS, _SECOND = 150, np.array([[0.0] * 4, [1.0, 0.0, 0.0, 0.0]])
 class Camera:
     """Watches one world: keeps its path and draws it.
 
+    A copy, by ``copy`` or ``pickle``, has the path and draws with a renderer of its own.
+
     Args:
         worlds: The batch.
         world: Which one.
@@ -39,6 +42,9 @@ class Camera:
         self._path: list[NDArray[np.float64]] = []
         self._turn: list[tuple[float, ...]] = []
         self._renderer: Renderer | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}
 
     def watch(self, *, begins: bool, mode: str | None) -> None:
         """Keep up with the world after a reset or a step, in the render mode of its environment."""
@@ -66,7 +72,11 @@ class Camera:
             self._turn.append((time, *turn_of(self.worlds.state, self.world, first)))
 
     def frame(self) -> NDArray[np.uint8]:
-        """(height, width, 3) picture of the world now."""
+        """(height, width, 3) picture of the world now.
+
+        Raises:
+            ResetNeeded: No episode has begun.
+        """
         return self._draws().frame(self.scene())
 
     def show(self) -> None:
@@ -80,6 +90,8 @@ class Camera:
             self._renderer = None
 
     def _draws(self) -> Renderer:
+        if not self._path:
+            raise ResetNeeded("the environment has not been reset; call reset() before render()")
         if self._renderer is None:
             self._renderer = Renderer()
         return self._renderer

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
@@ -25,11 +24,15 @@ def stated(spec: EnvSpec | None, task: Task, limit: int | None = None) -> EnvSpe
     """
     if spec is None:
         return None
-    kwargs = dict(spec.kwargs)
+    kwargs, bound = dict(spec.kwargs), _bound(spec, task, limit)
+    if task.steps is not None and bound == task.steps + 1 and kwargs.get("max_episode_steps") == bound:
+        del kwargs[
+            "max_episode_steps"
+        ]  # made from such a specification, where it was a bound and no argument
     source = kwargs.get("spacecraft", "")
     if not (isinstance(source, str) and (not source or source in catalogue())):
         kwargs["spacecraft"] = task.vehicle
-    return replace(spec, kwargs=as_plain(kwargs), max_episode_steps=_bound(spec, task, limit))
+    return replace(spec, kwargs=as_plain(kwargs), max_episode_steps=bound)
 
 
 def _bound(spec: EnvSpec, task: Task, limit: int | None) -> int | None:
@@ -38,6 +41,6 @@ def _bound(spec: EnvSpec, task: Task, limit: int | None) -> int | None:
     Where the task itself ends the episode it is one more than that takes: a ``TimeLimit`` made from the
     specification never cuts what the task ends.
     """
-    own: Any = None if task.steps is None else task.steps + 1
+    own = None if task.steps is None else task.steps + 1
     bounds = [bound for bound in (limit, own) if bound is not None]
     return min(bounds) if bounds else spec.max_episode_steps

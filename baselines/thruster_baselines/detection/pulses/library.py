@@ -16,11 +16,14 @@ import dataclasses
 import math
 
 import numpy as np
-from scipy.interpolate import NdBSpline, make_interp_spline
 
+from thruster_envs.extras import extra
 from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Discharge
+
+with extra("baselines", __name__):
+    from scipy.interpolate import NdBSpline, make_interp_spline
 
 __all__ = ["PulseLibrary"]
 

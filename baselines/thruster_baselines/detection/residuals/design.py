@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_envs.configuration import require
+from thruster_envs.extras import extra
 from thruster_envs.protocols import FloatArray
 
 __all__ = [
@@ -370,7 +371,8 @@ def _assignable(dynamics: FloatArray, measurement: FloatArray, eigenvalue: float
 
 def _held(motion: FloatArray, entry: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
     """Transition and entry over a period for an input that is held constant."""
-    from scipy.linalg import expm  # only here: SciPy is slow to import
+    with extra("baselines", "a ResidualDesign"):
+        from scipy.linalg import expm  # only here: SciPy is slow to import
 
     size, inputs = entry.shape
     block = np.zeros((size + inputs, size + inputs))
@@ -389,7 +391,8 @@ def _discrete(
     late: int,
 ) -> ResidualDesign:
     """The observer of this gain by Tustin's rule."""
-    from scipy.signal import cont2discrete  # only here: SciPy is slow to import
+    with extra("baselines", "a ResidualDesign"):
+        from scipy.signal import cont2discrete  # only here: SciPy is slow to import
 
     require(0.0 < period < math.inf, "period", period, "a positive number of s")
     motion = dynamics - gain @ measurement
