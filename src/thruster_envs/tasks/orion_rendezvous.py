@@ -112,13 +112,12 @@ class OrionRendezvous(Task):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        start: tuple[float, ...] = tuple(float(x) for x in self.start)
-        object.__setattr__(self, "start", start)
+        start = self.start
         check_positive(
             self, "position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
             "range_limit", "rate_limit", "rate_soft_limit", "orbits",
         )  # fmt: skip
-        if len(start) != 3 or not math.hypot(*start) < self.range_limit:
+        if not math.hypot(*start) < self.range_limit:
             raise ValueError(
                 f"start is {start!r}; three numbers of m within {self.range_limit:g} m would be right"
             )

@@ -143,7 +143,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         seeds = self._seeds_of(which, seed)
         self.worlds.seed(np.array(list(seeds), np.int64), list(seeds.values()))
         self.worlds.reset(which, options)
-        if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed):
+        if isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim):
             self._seeds = tuple(self.worlds.seed_of(world) for world in range(self.num_envs))
         elif seed is not None:
             super().reset(seed=checked_seed(seed))
