@@ -295,8 +295,10 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         return self._over.copy()
 
     def save_state(self) -> dict[str, NDArray[Any]]:
-        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it."""
-        self.worlds.require_reset("save_state")
+        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it.
+
+        Before the first reset too: what is restored then waits for its first reset as well.
+        """
         return self.worlds.save() | {"over": self._over.copy()}
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
