@@ -32,7 +32,8 @@ def settings_of(identifier: str) -> list[str]:
 
 @pytest.mark.parametrize("identifier", ENVIRONMENTS)
 def test_a_setting_out_of_reach_is_finite_through_three_steps_or_refused_in_one_line(identifier):
-    for name in settings_of(identifier):
+    names = settings_of(identifier)
+    for name in names:
         for value in VALUES:
             case = f"{name}={value!r}"
             if name == "nonlinear" and value is True:
@@ -41,7 +42,7 @@ def test_a_setting_out_of_reach_is_finite_through_three_steps_or_refused_in_one_
                 env: Any = gym.make(identifier, disable_env_checker=True, **{name: value}).unwrapped
             except ValueError as refusal:
                 assert "\n" not in str(refusal), case  # noqa: PT017  # most values are refused, some are right
-                assert name.removesuffix("_limit") in str(refusal), case  # noqa: PT017
+                assert any(one in str(refusal) for one in names), case  # noqa: PT017
                 continue
             env.action_space.seed(2)
             observation, info = env.reset(seed=1)
