@@ -10,10 +10,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed-test
 INSTALLED_BENCH := $(VENV)/.installed-bench
+# The oldest versions that pyproject.toml takes of what the views are views for, before all else of .venv.
+FLOOR := .venv-floor
+INSTALLED_FLOOR := $(FLOOR)/.installed
+FLOOR_VERSIONS := "gymnasium==1.1.*" "pettingzoo==1.26.*"
+FLOOR_TESTS := $(addprefix tests/views/test_,batches.py clients.py parallel.py)
 SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test unit nightly lint format types imports bench reproduce clean
+.PHONY: help install train test unit floors nightly lint format types imports bench reproduce clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -23,10 +28,13 @@ install: $(INSTALLED) ## make .venv and install everything in it
 train: $(INSTALLED) ## train and compare on ThrusterMapping-v0; options in ARGS="..."
 	$(BIN)/python train.py $(ARGS)
 
-test: lint types imports unit ## everything that has to pass
+test: lint types imports unit floors ## everything that has to pass
 
 unit: $(INSTALLED) ## the test suite alone; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+floors: $(INSTALLED_FLOOR) ## tests of the views with the oldest Gymnasium and PettingZoo; options in ARGS="..."
+	$(FLOOR)/bin/python -m pytest -n $(JOBS) $(ARGS) $(FLOOR_TESTS)
 
 nightly: $(INSTALLED_BENCH) ## the slow tests that `make test` leaves out; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) -m nightly $(ARGS)
@@ -69,6 +77,14 @@ $(BIN)/python:
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[test]" -c constraints.txt
+	@touch $@
+
+$(INSTALLED_FLOOR): pyproject.toml constraints.txt | $(INSTALLED)
+	$(BIN)/python -m venv $(FLOOR)
+	$(FLOOR)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps $(FLOOR_VERSIONS)
+	$(BIN)/python -c 'import sys; print(*sys.argv[1:], *(p for p in sys.path if p.endswith("-packages")), sep="\n")' \
+		$(addprefix $(CURDIR)/,src baselines agents) \
+		> "$$($(FLOOR)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beneath.pth"
 	@touch $@
 
 $(INSTALLED_BENCH): pyproject.toml constraints.txt | $(INSTALLED)

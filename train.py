@@ -7,25 +7,19 @@ fires the thrusters itself. Leaves runs/<time>-<name>/.
 
 from __future__ import annotations
 
-from thruster_agents.commands import (
-    check_file,
-    check_folder,
-    check_memory,
-    check_space,
-    complain,
-    exit_on_interrupt,
-    reason,
-    run_command,
-)
+import os
+import signal
 
 PROGRAM = "train.py"
-if __name__ == "__main__":
-    exit_on_interrupt(PROGRAM)  # before the libraries are loaded, which takes seconds
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
 
 import contextlib
 import dataclasses
 import io
-import os
 import shlex
 import sys
 from collections.abc import Iterator
@@ -33,11 +27,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import torch
-import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from thruster_envs.extras import extra
 
+with extra("agents", PROGRAM):
+    import torch
+    import tyro
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from thruster_agents.commands import (
+    check_file,
+    check_folder,
+    check_memory,
+    check_space,
+    complain,
+    reason,
+    run_command,
+)
 from thruster_agents.environments import FORMS, TASK, Form
 from thruster_agents.evaluation import FAULTS, SCENARIOS, Method, Row, classical_methods, compare, play
 from thruster_agents.evaluation.methods import Learned, try_methods
@@ -68,10 +74,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
-    chosen = options(arguments)
-    chosen.check()
     with contextlib.ExitStack() as held:
-        configuration, spacecraft, run = (begin if chosen.resume is None else resume)(chosen, held)
+        try:
+            chosen = options(arguments)
+            chosen.check()
+            configuration, spacecraft, run = (begin if chosen.resume is None else resume)(chosen, held)
+        except ValueError as error:
+            complain(PROGRAM, str(error))
+            return 2
         print(f"run folder {run.path}", flush=True)
         again = ["--resume", str(run.path)]
         if configuration.results is not None:

@@ -12,7 +12,9 @@ from pathlib import Path
 from benchmarks.figure import draw
 from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
+from thruster_agents.commands import check_file, check_folder, run_command
 
+PROGRAM = "python -m benchmarks"
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
 SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
@@ -42,9 +44,9 @@ def write(sections: list[Section], folder: Path, effort: Effort) -> Path:
     return path
 
 
-def main(arguments: list[str]) -> None:
-    """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+def main(arguments: list[str]) -> int:
+    """Run the command; returns its exit status."""
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
     parser.add_argument(
         "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; default: all"
     )
@@ -61,13 +63,21 @@ def main(arguments: list[str]) -> None:
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}; one of {', '.join(SECTIONS)} would be right")
     effort = dataclasses.replace(QUICK if options.quick else Effort(), processor_time=options.processor_time)
-    sections = run(options.sections or list(SECTIONS), effort)
     folder = options.output
     if folder is None and not options.sections and not options.quick:
         folder = RESULTS
     if folder is not None:
+        try:
+            check_folder("--output", folder)
+            for name in ("speed.md", "speed.png"):
+                check_file("--output", folder / name)
+        except ValueError as problem:
+            parser.error(str(problem))
+    sections = run(options.sections or list(SECTIONS), effort)
+    if folder is not None:
         print(f"Written: {write(sections, folder, effort)}")
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(run_command(PROGRAM, lambda: main(sys.argv[1:])))

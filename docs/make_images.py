@@ -7,6 +7,17 @@ which its pilot has closed the valve of thruster 3, stuck open since the 60th se
 
 from __future__ import annotations
 
+import os
+import signal
+
+PROGRAM = "docs/make_images.py"
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
+    )
+
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import thruster_envs  # noqa: F401  # registers the environments
+from thruster_agents.commands import check_file, complain, run_command
 from thruster_baselines.control import ChaserPilot, RendezvousController, RendezvousPolicy
 from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault
@@ -24,12 +36,19 @@ from thruster_envs.spacecraft import load
 STEPS, SHOWN = 571, 14
 
 
-def main() -> None:
-    """Fly, and write the pictures into docs/images."""
+def main() -> int:
+    """Fly, and write the pictures into docs/images; returns the exit status."""
     folder = Path(__file__).parent / "images"
-    folder.mkdir(exist_ok=True)
-    imageio.imwrite(folder / "rendezvous.png", rendezvous())
-    imageio.imwrite(folder / "approach.png", approach())
+    pictures = {folder / "rendezvous.png": rendezvous, folder / "approach.png": approach}
+    try:
+        for path in pictures:
+            check_file(path.name, path)
+    except ValueError as problem:
+        complain(PROGRAM, str(problem))
+        return 2
+    for path, picture in pictures.items():
+        imageio.imwrite(path, picture())
+    return 0
 
 
 def rendezvous() -> NDArray[np.uint8]:
@@ -65,4 +84,4 @@ def frame_of(env: gym.Env[Any, Any]) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command(PROGRAM, main))

@@ -11,14 +11,16 @@ from reproductions.record import FULL, QUICK
 from reproductions.registry import chosen, find_all
 from reproductions.results import read
 from reproductions.running import is_current, run
+from thruster_agents.commands import run_command
 from thruster_envs.text_files import printable
 
+PROGRAM = "python -m reproductions"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 
 def main(arguments: list[str]) -> int:
     """Run the command: 1 if a reproduction broke off with an error, 2 for a bad call, 130 if stopped."""
-    parser = argparse.ArgumentParser(prog="python -m reproductions", description=__doc__)
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     listing = commands.add_parser("list", help="ids, titles and the verdicts that are on record")
     running = commands.add_parser("run", help="recompute and write the results")
@@ -76,4 +78,4 @@ def show_list(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_command(PROGRAM, lambda: main(sys.argv[1:])))

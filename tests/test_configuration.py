@@ -128,6 +128,8 @@ def test_of_two_types_the_error_is_about_the_one_that_was_meant(value, message):
     ("mapping", "message"),
     [
         ({"count": 10**30}, r"^file: count must be a whole number of 64 bits, got 1000"),
+        ({"count": 1, "pair": range(10**30)}, r"^file: pair must have at most 1,000,000 entries, got range"),
+        ({"count": 1, "pair": range(3)}, r"^file: pair has 3 entries; 2 would be right$"),
         ({"count": 1e300}, r"^file: count must be a whole number of 64 bits, got 1000"),
         ({"count": 1, "limit": -(10**400)}, r"^file: limit must be within \+/-1\.8e\+308, got -1000"),
         ({"count": 1, "named": {10**5000: {}}}, r"^file: named, key <int of 16610 bits> is <int of 16610"),

@@ -1,7 +1,4 @@
-"""What the programs of this repository share: errors and Ctrl-C in one line, and a look at where results go.
-
-Loads nothing but Python's own modules, so that it can be there before the libraries are.
-"""
+"""What the programs of this repository share: errors and Ctrl-C in one line, a look at where results go."""
 
 from __future__ import annotations
 
@@ -15,7 +12,6 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 __all__ = [
     "check_file",
@@ -23,27 +19,11 @@ __all__ = [
     "check_memory",
     "check_space",
     "complain",
-    "exit_on_interrupt",
     "reason",
     "run_command",
 ]
 
 _LONGEST_NAME = 255  # bytes, on the file systems of Linux
-_before: Any = None
-
-
-def exit_on_interrupt(program: str) -> None:
-    """Until `run_command`, let Ctrl-C end the process with one line and status 130.
-
-    While libraries load, an exception would be a traceback, or lost in a compiled module.
-    """
-    global _before
-
-    def leave(*_: object) -> None:
-        os.write(2, f"\n{program}: interrupted\n".encode())
-        os._exit(130)
-
-    _before = signal.signal(signal.SIGINT, leave)
 
 
 def run_command(program: str, body: Callable[[], int]) -> int:
@@ -51,13 +31,10 @@ def run_command(program: str, body: Callable[[], int]) -> int:
 
     Args:
         program: Its name, at the head of lines.
-        body: Returns the status. A ValueError of it means a bad call (2), an OSError that the system refuses
-            something (1), Ctrl-C 130.
+        body: Returns the status. An OSError of it means that the system refuses something (1), Ctrl-C 130.
     """
-    global _before
-    if _before is not None:
-        signal.signal(signal.SIGINT, _before)
-        _before = None
+    if getattr(signal.getsignal(signal.SIGINT), "__name__", None) == "<lambda>":
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # the program's own was for its loading
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that has not all characters shows "?"
@@ -67,9 +44,6 @@ def run_command(program: str, body: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         complain(program, "interrupted")
         status = 130
-    except ValueError as error:
-        complain(program, str(error))
-        status = 2
     except BrokenPipeError:  # whoever read the output has gone, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1

@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from thruster_envs.text_files import read_text
+
 __all__ = [
     "as_json",
     "first_difference",
@@ -75,20 +77,12 @@ def read_json(path: Path) -> dict[str, Any]:
         ValueError: No such file, too large a one, no JSON in UTF-8, nested too deeply, a key that stands
             twice, NaN or an infinity, or something else than an object.
     """
-    if not path.is_file():
-        raise ValueError(f"{path} is not a file" if os.path.lexists(path) else f"{path} does not exist")
+    text = read_text(path, largest=_LARGEST_JSON)
     try:
-        with path.open("rb") as file:
-            content = file.read(_LARGEST_JSON + 1)
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from None
-    if len(content) > _LARGEST_JSON:
-        raise ValueError(f"{path} must have at most {_LARGEST_JSON} bytes, got more")
-    try:
-        found = json.loads(content.decode(), object_pairs_hook=_unique, parse_constant=_no_number)
+        found = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
     except RecursionError:
         raise ValueError(f"{path} is nested more than {_DEEPEST} deep") from None
-    except ValueError as error:  # of JSON, of UTF-8, and of whole numbers with thousands of digits
+    except ValueError as error:  # of JSON, and of whole numbers with thousands of digits
         raise ValueError(f"{path} is not JSON ({' '.join(str(error).split())})") from None
     if not isinstance(found, dict):
         raise ValueError(f"{path} must hold a JSON object, got {type(found).__name__}")

@@ -27,6 +27,7 @@ import numpy as np
 
 Configuration = TypeVar("Configuration")
 
+_LONGEST_RANGE = 1_000_000
 _LARGEST_FLOAT = float(np.finfo(np.float64).max)
 _KNOWN_FIELD_TYPES: dict[type[Any], dict[str, Any]] = {}  # a class's annotations, evaluated once
 
@@ -255,6 +256,8 @@ def _coerced_tuple(item_types: Sequence[Any], value: Any, where: str) -> tuple[A
         value = value.tolist()
     if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray | memoryview):
         raise ValueError(f"{where} is {shown(value)}; a list would be right")
+    if isinstance(value, range) and value[_LONGEST_RANGE:]:
+        raise ValueError(f"{where} must have at most {_LONGEST_RANGE:,} entries, got {shown(value)}")
     if len(item_types) == 2 and item_types[1] is Ellipsis:
         item_types = [item_types[0]] * len(value)
     if len(value) != len(item_types):

@@ -37,7 +37,7 @@ from thruster_envs.tasks.attitude_pilot import AttitudePilot, turned
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.formation_attitude import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT
 from thruster_envs.threads import run_shared
-from thruster_envs.views.worlds import checked_seed
+from thruster_envs.views.inputs import checked_seed
 
 FloatArray = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -111,6 +112,38 @@ def test_a_killed_run_goes_on_to_the_same_result(run, tmp_path):
         os.kill(process.pid, signal.SIGKILL)
     (folder,) = tmp_path.iterdir()
     assert train.main(["--resume", str(folder)]) == 0
+    _assert_same(folder, run)
+
+
+@pytest.mark.nightly
+def test_a_run_killed_ten_times_goes_on_to_the_same_result(run, tmp_path):
+    """kill -9 at ten moments of a run that is resumed each time: while it loads, trains, writes, compares."""
+    rng = np.random.default_rng(5)
+    command = [sys.executable, "train.py", *TINY, "--name", "killed", "--runs", str(tmp_path)]
+    folder, lines = None, []
+    for _ in range(10):
+        with subprocess.Popen(
+            command,
+            cwd=Path(train.__file__).parent,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            said = process.stdout.readline()
+            assert said.startswith("run folder "), process.stderr.read()
+            folder = Path(said.removeprefix("run folder ").rstrip())
+            time.sleep(rng.uniform(0.0, 4.0))
+            process.send_signal(signal.SIGKILL)
+            lines += process.stderr.read().splitlines()
+        command = [sys.executable, "train.py", "--resume", str(folder)]
+    assert lines == []
+    assert train.main(["--resume", str(folder)]) == 0
+    assert not list(folder.rglob("*.unfinished"))
+    _assert_same(folder, run)
+
+
+def _assert_same(folder, run):
+    """The same metrics, weights and table, to the last bit."""
     assert RunFolder(folder).read("metrics.json") == RunFolder(run).read("metrics.json")
     for form in ("beliefs-0", "duties-0"):
         first, second = (read_tree(one / form / "policy.safetensors")["policy"] for one in (run, folder))

@@ -348,7 +348,7 @@ def test_files_of_something_else_are_refused(low, high, tmp_path):
         LowLevelClassifier.load(tmp_path)
     description.write_text(json.dumps(content))
     saved = load_file(weights)
-    save_file(saved | {"network.layers.0.slope": torch.full((10,), torch.nan)}, weights)
+    save_file(saved | {"network.layers.0.slope": torch.full((10,), torch.nan).double()}, weights)
     with pytest.raises(ValueError, match=r"network.layers.0.slope has a number that is not finite"):
         LowLevelClassifier.load(tmp_path)
     weights.write_bytes(b"nothing")
@@ -356,3 +356,93 @@ def test_files_of_something_else_are_refused(low, high, tmp_path):
         LowLevelClassifier.load(tmp_path)
     with pytest.raises(ValueError, match="does not exist; the folder of a saved classifier would be right"):
         LowLevelClassifier.load(tmp_path / "none")
+
+
+def _with_architecture(content, **changes):
+    architecture = content["settings"]["architecture"] | changes
+    return json.dumps(content | {"settings": content["settings"] | {"architecture": architecture}})
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"hidden": [1e9]}, "too few for hidden layers of"),
+        ({"hidden": [10**30]}, "must be a whole number of 64 bits"),
+        ({"hidden": [1e9] * 3}, "too few for hidden layers of"),
+        ({"hidden": [1] * 5000}, "too few for hidden layers of"),
+        ({"order": 10**9}, "too few for hidden layers of"),
+        ({"hidden": [10, 10]}, "has the shape"),
+        ({"order": 3}, "has the shape"),
+        ({"kind": "gru", "hidden": [11]}, "has the shape"),
+        ({"hidden": 1e9}, "a list would be right"),
+        ({"hidden": [[[10]]]}, "a whole number would be right"),
+        ({"hidden": [float("nan")]}, "NaN is not a number of JSON"),
+        ({"hidden": []}, "one size or more"),
+        ({"memory": [1.0, 1e400]}, "is not JSON"),
+    ],
+)
+def test_a_description_makes_no_network_that_its_weights_do_not_fill(low, tmp_path, changes, line):
+    """One line, at once; and memory for what is in the file at the most."""
+    low.save(tmp_path)
+    description = tmp_path / "classifier.json"
+    description.write_text(_with_architecture(json.loads(description.read_text()), **changes))
+    with pytest.raises(ValueError, match=line) as caught:
+        LowLevelClassifier.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"[" * 100_000,
+        b'{"settings":' * 100_000,
+        b'{"kind": "low level", "kind": "low level"}',
+        b"\xff\xfe",
+        b"",
+        b"null",
+        b'{"threshold": ' + b"9" * 10_000 + b"}",
+        b" " * 20_000_000,
+    ],
+)
+def test_a_description_that_is_no_json_is_one_line(low, tmp_path, text):
+    low.save(tmp_path)
+    (tmp_path / "classifier.json").write_bytes(text)
+    with pytest.raises(ValueError, match=r"classifier\.json") as caught:
+        LowLevelClassifier.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("threshold", 10**400),
+        ("threshold", [1]),
+        ("settings", 5),
+        ("settings", None),
+        ("settings", {"voltage_scale": 10**400}),
+        ("settings", {"sensitivity": -1}),
+        ("settings", {"stride": 0.5}),
+    ],
+)
+def test_numbers_of_a_description_are_finite(low, tmp_path, key, value):
+    low.save(tmp_path)
+    description = tmp_path / "classifier.json"
+    content = json.loads(description.read_text())
+    merged = content[key] | value if isinstance(value, dict) else value
+    description.write_text(json.dumps(content | {key: merged}))
+    with pytest.raises(ValueError, match=r"classifier\.json|settings|threshold") as caught:
+        LowLevelClassifier.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", (2**63).to_bytes(8, "little"), (8).to_bytes(8, "little") + b"[[[[[[[["]
+)
+def test_weights_that_are_none_are_one_line(low, tmp_path, content):
+    low.save(tmp_path)
+    whole = (tmp_path / "weights.safetensors").read_bytes()
+    for spoilt in (content, whole[:-1], whole[: len(whole) // 2], whole + b"x"):
+        (tmp_path / "weights.safetensors").write_bytes(spoilt)
+        with pytest.raises(ValueError, match="is not a safetensors file") as caught:
+            LowLevelClassifier.load(tmp_path)
+        assert "\n" not in str(caught.value)

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from tests.agents.pulses import pulses
+from thruster_agents.checkpoints import read_tree, write_tree
 from thruster_agents.dynamic_neurons import DynamicNetwork, GRUNetwork, StaticNetwork, TrainingSettings, train
 
 
@@ -113,6 +114,32 @@ def test_a_checkpoint_of_another_network_is_refused(data, tmp_path):
     train(_network(), *data, TrainingSettings(iterations=1), checkpoint=tmp_path / "low.pt")
     with pytest.raises(ValueError, match="has 96 parameters; 91, those of the network, would be right"):
         train(_network(output_dynamic=False), *data, checkpoint=tmp_path / "low.pt")
+
+
+def test_a_damaged_checkpoint_gives_way_to_the_one_before_it(data, tmp_path):
+    """To the same result; and what it holds is not run, whatever it is."""
+    whole, parts = _network(), _network()
+    settings = TrainingSettings(stop=0.0, iterations=12, checkpoint_every=4)
+    train(whole, *data, settings)
+    file = tmp_path / "low.pt"
+    train(_network(), *data, TrainingSettings(stop=0.0, iterations=9, checkpoint_every=4), checkpoint=file)
+    file.write_bytes(b"\x80\x04cos\nsystem\n")
+    with pytest.warns(UserWarning, match=r"low\.pt is damaged .*; going on from an earlier moment"):
+        train(parts, *data, settings, checkpoint=file)
+    for one, same in zip(parts.parameters(), whole.parameters(), strict=True):
+        assert torch.equal(one, same)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("best", None), ("errors", ["x"]), ("optimiser", {99: {}}), ("optimiser", {0: {"d": torch.ones(3)}})],
+)
+def test_a_checkpoint_that_says_something_else_is_refused(data, tmp_path, name, value):
+    file = tmp_path / "low.pt"
+    train(_network(), *data, TrainingSettings(iterations=1), checkpoint=file)
+    write_tree(file, read_tree(file) | {name: value})
+    with pytest.raises(ValueError, match=f"low.pt: {name}"):
+        train(_network(), *data, checkpoint=file)
 
 
 def test_threads_of_torch_are_left_as_they_were(data):

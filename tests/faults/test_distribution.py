@@ -126,6 +126,10 @@ BAD = {
     "no thrusters": ({"thrusters": ()}, "thrusters is (); a list of numbers from 1"),
     "thruster twice": ({"thrusters": (1, 1)}, "thrusters is (1, 1); each number once"),
     "weights without a finite sum": ({"kinds": {"loss": 1e308, "leak": 1e308}}, "weights with a finite sum"),
+    "over when it begins": (
+        {"onset": (0.0, 1e16), "duration": (1.0, 2.0)},
+        "duration must be at least 2 s with an onset of 1e+16 s, got 1 s",
+    ),
     "wave of no length": (
         {"profiles": ("sine",), "profile_time": (1e-300, 1.0)},
         "profile_time must be at least 1e-06 s, got 1e-300 s",

@@ -125,6 +125,10 @@ BAD = {
         {"kind": "slow_opening", "severity": 1e5},
         "severity of a 'slow_opening' fault is 100000.0; a time from 0 to 10000 s would be right",
     ),
+    "over when it begins": (
+        {"onset": 1e16, "duration": 1.0},
+        "duration must be at least 2 s with an onset of 1e+16 s, got 1 s",
+    ),
     "wave of no length": (
         {"profile": "sine", "profile_time": 1e-300},
         "profile_time must be at least 1e-06 s, got 1e-300 s",

@@ -127,5 +127,5 @@ def test_worlds_and_episodes_with_other_numbers_differ():
         fleet.fly()
         ends.append(fleet.read(0, at.SCALARS)[0, 0])
     for other in ends[1:]:
-        assert not np.any(np.isclose(ends[0][at.IMPULSE :], other[at.IMPULSE :], rtol=1e-12))
+        assert not np.any(np.isclose(ends[0][at.IMPULSE : at.LOST], other[at.IMPULSE : at.LOST], rtol=1e-12))
         assert not np.any(ends[0][at.MEASURED : at.MEASURED + 3] == other[at.MEASURED : at.MEASURED + 3])

@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from tests.tasks.vehicles import vehicles
+from thruster_baselines.control import DiagnosisObservation
+from thruster_baselines.detection.residuals import CorrelationDetector
+from thruster_baselines.mapping import LPMapper, NonNegativeLeastSquaresMapper, PseudoInverseMapper
 from thruster_envs import formation_attitude_v0, formation_keeping_v0
 from thruster_envs.registration import ENVIRONMENTS
+from thruster_envs.views import BeliefAction, MapperAction
 
 VEHICLES = vehicles()
 PARALLEL = {"formation_keeping_v0": formation_keeping_v0, "formation_attitude_v0": formation_attitude_v0}
@@ -88,3 +92,38 @@ def test_a_vehicle_is_finite_in_a_formation_or_refused_in_one_line(module, name)
         assert_finite(rewards, "rewards")
         if not env.agents:
             break
+
+
+@pytest.mark.filterwarnings("ignore::thruster_baselines.mapping.LostDirectionsWarning")
+@pytest.mark.parametrize("mapper_type", [LPMapper, PseudoInverseMapper, NonNegativeLeastSquaresMapper])
+@pytest.mark.parametrize("name", [one for one in VEHICLES if not one.startswith("spheres")])
+def test_mappers_between_policy_and_any_vehicle_give_finite_steps(name, mapper_type):
+    """Rate changes on every axis, with authority or without; beliefs that thrusters are dead or well."""
+    vehicle = VEHICLES[name]
+    mapper = mapper_type(vehicle, vehicle.control_period)
+    for wrap in (MapperAction, BeliefAction):
+        env: Any = wrap(
+            gym.make("thruster_envs/ThrusterMapping-v0", spacecraft=vehicle, disable_env_checker=True), mapper
+        )
+        env.action_space.seed(5)
+        env.reset(seed=4)
+        for step in range(6):
+            action = env.action_space.low if step % 2 else env.action_space.sample()
+            observation, reward, _, _, info = env.step(action)
+            assert observation in env.observation_space
+            assert_finite({"reward": reward, "info": info}, f"step {step}")
+
+
+@pytest.mark.parametrize("name", [one for one in VEHICLES if one.startswith("msr_chaser")])
+def test_the_pilot_of_an_approach_and_a_detector_beside_it_are_finite_on_any_vehicle(name):
+    vehicle = VEHICLES[name]
+    detector = CorrelationDetector(vehicle, 0.02, vehicles=1)
+    env: Any = DiagnosisObservation(gym.make("thruster_envs/MarsRendezvous-v0", spacecraft=vehicle), detector)
+    env.reset(seed=4)
+    worlds = env.unwrapped.worlds
+    for step in range(STEPS):
+        action = worlds.task.pilot_actions(worlds.state)[0, 0].astype(np.float32)
+        assert action in env.action_space
+        observation, reward, _, _, info = env.step(action)
+        assert observation in env.observation_space
+        assert_finite({"reward": reward, "info": info}, f"step {step}")

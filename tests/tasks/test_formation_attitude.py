@@ -300,7 +300,7 @@ def test_the_oracle_view_shows_the_impulse_of_a_failed_discharge():
         ({"commanded": 3}, "commanded is 3; a whole number from 1 to 2"),
         ({"action": "torques"}, "action is 'torques'; 'pulses' or 'duties'"),
         ({"yaw_degrees": (60.0, 40.0)}, r"yaw_degrees is \(60.0, 40.0\)"),
-        ({"bias_torque": (0.0, 0.0, np.nan)}, "bias_torque is"),
+        ({"bias_torque": (0.0, 0.0, np.nan)}, "bias_torque, entry 3 is NaN"),
         ({"rate_limit": 0.0}, "rate_limit is 0.0"),
         ({"rate_limit": 0.005}, "rate_limit is 0.005; rate_soft_limit, 0.01, or more"),
         ({"pulse_price": -1.0}, "pulse_price is -1.0"),

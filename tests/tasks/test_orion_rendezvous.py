@@ -167,9 +167,9 @@ def test_economy_is_worth_half_of_the_score():
     ("arguments", "message"),
     [
         ({"start": (3000.0, 0.0, 0.0)}, "within 2000 m"),
-        ({"start": (1.0, 2.0)}, "three numbers"),
+        ({"start": (1.0, 2.0)}, "start has 2 entries; 3"),
         ({"orbits": 0.0}, "orbits is 0.0"),
-        ({"position_tolerance": math.nan}, "position_tolerance is nan"),
+        ({"position_tolerance": math.nan}, "position_tolerance is NaN"),
     ],
 )
 def test_a_bad_configuration_is_named(arguments, message):

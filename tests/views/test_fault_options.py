@@ -83,6 +83,7 @@ def test_what_is_no_fault_is_refused_and_changes_nothing(identifier):
     for faults in NO_FAULTS:
         refused(env.reset, faults)
         refused(lambda *, options: env.reset(seed=9, options=options), faults)
+    assert env.unwrapped.np_random_seed == twin.unwrapped.np_random_seed == 5
     for action in actions[1:]:
         np.testing.assert_array_equal(env.step(action)[0], twin.step(action)[0])
     np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
@@ -100,9 +101,19 @@ def test_batch_refuses_what_is_no_fault_and_changes_nothing(identifier):
         refused(env.reset, faults)
         refused(lambda *, options: env.reset(seed=9, options=options), faults)
         refused(lambda *, options: env.reset(seed=[1, 2, 3], options=options | {"reset_mask": some}), faults)
+    assert env.unwrapped.np_random_seed == twin.unwrapped.np_random_seed == 5
     for action in actions[1:]:
         np.testing.assert_array_equal(env.step(action)[0], twin.step(action)[0])
     np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+def test_seeds_of_worlds_are_those_that_were_taken():
+    env = gym.make_vec("thruster_envs/ThrusterMapping-v0", num_envs=3)
+    env.reset(seed=[7, 8, 9])
+    refused(lambda *, options: env.reset(seed=[1, 2, 3], options=options), "nothing")
+    assert env.unwrapped.np_random_seed == (7, 8, 9)
+    env.reset(seed=[None, 2, None])
+    assert env.unwrapped.np_random_seed == (7, 2, 9)
 
 
 @pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])

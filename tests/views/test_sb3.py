@@ -1,15 +1,23 @@
 """Stable-Baselines3 sees last observations and time limits as they are; its targets are right by value."""
 
+import copy
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as wrappers
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from tests.views.cases import FAULTS, IDS, constant, faults_of, has_options
-from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv
+from thruster_baselines.mapping import LPMapper
+from thruster_envs.faults import Fault
+from thruster_envs.views import SB3VecEnv, SharedPolicyVecEnv, VectorHoldAction, VectorMapperAction
 
 GAMMA, STEPS, LIMIT = 0.9, 60, 12
 
@@ -115,8 +123,8 @@ def test_infos_carry_the_last_observation_and_the_score(identifier):
     assert dones.all()
     assert np.array_equal(infos[1]["terminal_observation"], observation)
     assert infos[1]["TimeLimit.truncated"] is True
-    assert {key: infos[1][key] for key in ("score", "success", "cost", "fuel")} == {
-        key: info[key] for key in ("score", "success", "cost", "fuel")
+    assert {key: infos[1][key] for key in ("score", "success", "is_success", "cost", "fuel")} == {
+        key: info[key] for key in ("score", "success", "is_success", "cost", "fuel")
     }
     assert np.array_equal(observations[1], alone.reset()[0])
 
@@ -161,6 +169,287 @@ def test_pictures_and_attributes_come_through():
     with pytest.raises(AttributeError, match="faults"):
         env.set_attr("faults", [])
     env.close()
+
+
+# ---- Wrappers that are there already -----------------------------------------------------------------------
+
+FORMATION = "thruster_envs/FormationKeeping-v0"
+
+
+def formation(mode, *wrappers, worlds=3, limit=4, **kwargs):
+    env = gym.make_vec(
+        FORMATION, num_envs=worlds, max_episode_steps=limit, autoreset_mode=mode, faults=FAULTS, **kwargs
+    )
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
+
+
+def flown(env, steps=12):
+    """What an SB3 environment gives under the same actions, the last observations among it."""
+    generator, space = np.random.default_rng(0), env.action_space.shape
+    env.seed(3)
+    seen = [env.reset()]
+    for _ in range(steps):
+        actions = generator.uniform(-1.0, -0.5, (env.num_envs, *space)).astype(np.float32)
+        observations, rewards, dones, infos = env.step(actions)
+        seen += [observations, rewards, dones]
+        seen += [info["terminal_observation"] for info in infos if "terminal_observation" in info]
+    return seen
+
+
+def test_statistics_of_episodes_are_right_or_refused():
+    with pytest.raises(ValueError, match=r'RecordEpisodeStatistics.* make the environment with .*"SameStep"'):
+        SB3VecEnv(formation("NextStep", wrappers.RecordEpisodeStatistics))
+    env = SB3VecEnv(formation("SameStep", wrappers.RecordEpisodeStatistics))
+    env.seed(0)
+    env.reset()
+    returns = np.zeros(3)
+    for step in range(1, 13):
+        _, rewards, dones, infos = env.step(np.full((3, 12), -0.9, np.float32))
+        returns += rewards
+        assert dones.all() == (step % 4 == 0)
+        if dones.all():
+            assert [info["episode"]["l"] for info in infos] == [4, 4, 4]
+            np.testing.assert_allclose([info["episode"]["r"] for info in infos], returns, rtol=1e-5)
+            returns[:] = 0.0
+
+
+def twice(env):
+    return wrappers.TransformReward(env, lambda rewards: 2.0 * rewards)
+
+
+INDIFFERENT = {
+    "nothing": (),
+    "rewards": (twice, lambda env: wrappers.ClipReward(env, -0.5, 0.5)),
+    "actions": (
+        lambda env: wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0)),
+        wrappers.ClipAction,
+    ),
+    "mapper": (lambda env: VectorMapperAction(env, LPMapper("orion", threads=1)), twice),
+    "hold": (lambda env: VectorHoldAction(env, 2), twice),
+}
+
+
+@pytest.mark.parametrize("name", INDIFFERENT)
+def test_wrappers_that_take_any_mode_give_the_same_in_every_mode_they_were_made_in(name):
+    first, *others = (flown(SB3VecEnv(formation(mode, *INDIFFERENT[name]))) for mode in AutoresetMode)
+    for other in others:
+        assert len(first) == len(other)
+        assert all(np.array_equal(one, two) for one, two in zip(first, other, strict=True))
+
+
+class Doubled(gym.vector.VectorWrapper):
+    """Doubles observations, but not the last ones of an episode."""
+
+    def reset(self, **kwargs):
+        observations, infos = self.env.reset(**kwargs)
+        return 2.0 * observations, infos
+
+    def step(self, actions):
+        observations, *others = self.env.step(actions)
+        return 2.0 * observations, *others
+
+
+class DoubledInPlace(gym.vector.VectorWrapper):
+    def step(self, actions):
+        result = self.env.step(actions)
+        result[0][...] *= 2.0
+        return result
+
+
+class DoubledOnTheWay(Doubled):
+    """First observations stay as they are, so those of the step in which all episodes end do too."""
+
+    def reset(self, **kwargs):
+        return self.env.reset(**kwargs)
+
+    def step(self, actions):
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        running = ~(terminated | truncated)[:, np.newaxis]
+        return np.where(running, 2.0 * observations, observations), rewards, terminated, truncated, infos
+
+
+class DoubledToTheEnd(Doubled):
+    def step(self, actions):
+        *others, infos = super().step(actions)
+        if "final_obs" in infos:
+            infos["final_obs"] = 2.0 * infos["final_obs"]
+        return *others, infos
+
+
+class Copied(Doubled):
+    def step(self, actions):
+        *others, infos = super().step(actions)
+        return *others, copy.deepcopy(infos)
+
+
+class Counted(gym.vector.VectorWrapper):
+    steps = 0
+
+    def step(self, actions):
+        self.steps += 1
+        return self.env.step(actions)
+
+
+WRONG = [Doubled, DoubledInPlace, DoubledOnTheWay, Copied]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("inside", [(), (DoubledToTheEnd,), (Counted,), (wrappers.NormalizeReward,)])
+@pytest.mark.parametrize("outside", [(), (DoubledToTheEnd,), (wrappers.RecordEpisodeStatistics,)])
+def test_a_wrapper_that_leaves_last_observations_as_they_are_is_noticed(wrong, inside, outside):
+    with pytest.raises(ValueError, match=f"{wrong.__name__} changes observations, but not those at the end"):
+        flown(SB3VecEnv(formation("SameStep", *inside, wrong, *outside)), 4)
+
+
+def test_terminal_observations_are_what_ones_own_wrapper_makes_of_them():
+    plain = flown(SB3VecEnv(formation("SameStep")))
+    env = formation("SameStep", Counted, DoubledToTheEnd, wrappers.RecordEpisodeStatistics)
+    doubled = flown(SB3VecEnv(env))
+    for one, two in zip(plain, doubled, strict=True):
+        observed = one.dtype == np.float32 and one.shape[-1] > 3
+        assert np.array_equal(2.0 * one if observed else one, two)
+    with pytest.raises(ValueError, match=r"Doubled.* was not made for the autoreset mode"):
+        SB3VecEnv(formation("NextStep", DoubledToTheEnd))
+    wrapped = formation("NextStep", wrappers.NormalizeReward)
+    wrapped.unwrapped.set_autoreset_mode("SameStep")
+    with pytest.raises(ValueError, match="NormalizeReward was not made for"):
+        SB3VecEnv(wrapped)
+
+
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        wrappers.FlattenObservation,
+        wrappers.NormalizeObservation,
+        lambda env: wrappers.DtypeObservation(env, np.float32),
+        lambda env: wrappers.TransformObservation(env, lambda observations: 2.0 * observations),
+    ],
+)
+def test_gymnasiums_wrappers_for_observations_are_refused_with_what_to_do(wrapper):
+    with pytest.raises(ValueError, match=r"does not work in the autoreset mode SAME_STEP.*VecNormalize"):
+        SB3VecEnv(formation("NextStep", wrapper))
+
+
+def test_a_change_of_the_mode_ends_the_episodes_that_run():
+    env = formation("NextStep")
+    env.reset(seed=0)
+    env.step(np.zeros((3, 12)))
+    env.set_autoreset_mode("Disabled")
+    with pytest.raises(gym.error.ResetNeeded, match=r"call reset\(\) before step\(\)"):
+        env.step(np.zeros((3, 12)))
+    with pytest.raises(ValueError, match="reset all of them first"):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+    env.reset()
+    env.step(np.zeros((3, 12)))
+
+
+# ---- Success -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("monitored", [False, True])
+def test_a_success_rate_is_logged(monitored, tmp_path):
+    env = SB3VecEnv(gym.make_vec("thruster_envs/ThrusterMapping-v0", num_envs=4, max_episode_steps=8))
+    model = PPO("MlpPolicy", VecMonitor(env) if monitored else env, n_steps=16, batch_size=64, device="cpu")
+    model.set_logger(configure(str(tmp_path), ["csv"]))
+    model.learn(64)
+    assert len(model.ep_success_buffer) == 8
+    model.logger.close()
+    assert "rollout/success_rate" in (tmp_path / "progress.csv").read_text().splitlines()[0]
+
+
+def test_evaluations_log_a_success_rate(tmp_path):
+    make = lambda: Monitor(gym.make("thruster_envs/FormationKeeping-v0", max_episode_steps=6))  # noqa: E731
+    worlds = SB3VecEnv(gym.make_vec("thruster_envs/FormationKeeping-v0", num_envs=2, max_episode_steps=6))
+    for env in (DummyVecEnv([make]), VecMonitor(worlds)):
+        model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, n_epochs=1, device="cpu")
+        callback = EvalCallback(env, n_eval_episodes=4, eval_freq=4, log_path=str(tmp_path), verbose=0)
+        model.learn(8, callback=callback)
+        assert len(callback._is_success_buffer) == 4
+        assert np.load(tmp_path / "evaluations.npz")["successes"].shape[1] == 4
+
+
+# ---- Options and calls for some rows -----------------------------------------------------------------------
+
+
+def thrusters(env):
+    return env.latest_info()["fault"]["thruster"][..., 0].tolist()
+
+
+def failing(*thrusters, craft=1):
+    return {"faults": [{"thruster": thruster, "kind": "stuck_off", "craft": craft} for thruster in thrusters]}
+
+
+def test_every_world_has_the_options_of_its_own():
+    env = SB3VecEnv(formation("NextStep"))
+    env.set_options([failing(1), failing(2), failing(3)])
+    env.reset()
+    assert thrusters(env) == [1, 2, 3]
+    env = SB3VecEnv(gym.make_vec(FORMATION, num_envs=3, faults=failing(7)["faults"]))
+    for options, expected in (
+        ([{}, failing(2), {}], [7, 2, 7]),
+        ([None, failing(2), {"faults": []}], [7, 2, 0]),
+        ([{"faults": None}, {"faults": Fault(5, "leak")}, {"faults": Fault(6, "leak")}], [0, 5, 6]),
+        (failing(4), [4, 4, 4]),
+        (None, [7, 7, 7]),
+    ):
+        env.set_options(options)
+        env.reset()
+        assert thrusters(env) == expected
+    env.reset()
+    assert thrusters(env) == [7, 7, 7]
+    for options, message in (
+        ([{}], "must have 3 entries, one for each row, got 1"),
+        ("faults", "must be a dict, or a list"),
+        ([1, 2, 3], "must be a dict, or a list"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.set_options(options)
+    env.set_options([{"a": 1}, {}, {}])
+    with pytest.raises(ValueError, match="differ from row to row"):
+        env.reset()
+
+
+def test_every_formation_has_the_options_of_its_first_row():
+    env = SharedPolicyVecEnv(2, craft=2, faults=failing(7, craft=2)["faults"])
+    for options, expected in (
+        ([failing(3), {}, {}, {}], [[3, 0], [0, 7]]),
+        ([{}, {}, failing(4, craft=2), failing(4, craft=2)], [[0, 7], [0, 4]]),
+        (failing(5), [[5, 0], [5, 0]]),
+    ):
+        env.set_options(options)
+        env.reset()
+        assert thrusters(env) == expected
+    env.set_options([failing(1), failing(2), {}, {}])
+    with pytest.raises(ValueError, match="the options of row 1 are not those of its world's first row, 0"):
+        env.reset()
+
+
+def test_a_method_acts_on_the_rows_it_is_given_or_refuses():
+    env = SB3VecEnv(formation("NextStep", limit=50))
+    alone = gym.make(FORMATION, faults=FAULTS)
+    env.seed(0)
+    env.reset()
+    action = np.full((3, 12), -0.9, np.float32)
+    env.step(action)
+    ((observation, info),) = env.env_method("reset", indices=[0], seed=11, options=failing(4))
+    assert np.array_equal(observation, alone.reset(seed=11, options=failing(4))[0])
+    assert info["fault"]["thruster"][0] == 4
+    assert env.get_attr("worlds", 0)[0].steps.tolist() == [0, 1, 1]
+    assert [row[0].shape for row in env.env_method("reset")] == 3 * [observation.shape]
+    assert env.get_attr("worlds")[0].steps.tolist() == [0, 0, 0]
+    with pytest.raises(ValueError, match="save_state acts on all 3 rows at once"):
+        env.env_method("save_state", indices=[1])
+    with pytest.raises(IndexError, match="indices must be from 0 to 2, got 3"):
+        env.get_attr("worlds", 3)
+    shared = SharedPolicyVecEnv(2, craft=2)
+    shared.reset()
+    shared.step(np.full((4, 12), -0.9, np.float32))
+    assert len(shared.env_method("reset", indices=[2, 3])) == 2
+    assert shared.worlds.steps.tolist() == [1, 0]
+    with pytest.raises(ValueError, match="rows of one world are reset together"):
+        shared.env_method("reset", indices=[2])
 
 
 # ---- Formations under one policy ---------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from safetensors.torch import save
 
 from thruster_agents.dynamic_neurons.networks import Architecture, SequenceNetwork
 from thruster_agents.files import read_json, write_json, write_whole
-from thruster_envs.configuration import suggestion
+from thruster_envs.configuration import shown, suggestion
 
 __all__ = [
     "check_weights",
@@ -93,7 +93,7 @@ def check_weights(
     if max(sizes) > 3 * largest + 1 or len(sizes) > len(shapes) + 1:
         raise ValueError(
             f"{folder / _WEIGHTS} has {len(shapes)} parameters with at most {largest} rows or columns, too "
-            f"few for hidden layers of {_short(architecture.hidden)} and order {architecture.order}"
+            f"few for hidden layers of {shown(architecture.hidden)} and order {architecture.order}"
         )
     with torch.device("meta"):  # shapes without memory
         network = build()
@@ -155,10 +155,6 @@ def _compare(folder: Path, saved: Mapping[str, Any], wanted: Mapping[str, Any]) 
         there, here = saved.get(name), wanted.get(name)
         if there != here:
             raise ValueError(f"{folder / _WEIGHTS}: {name} has the shape {there}; {here} would be right")
-
-
-def _short(hidden: tuple[int, ...]) -> str:
-    return str(hidden) if len(hidden) <= 8 else f"({hidden[0]}, {hidden[1]}, ... {len(hidden)} of them)"
 
 
 def _named(networks: Mapping[str, SequenceNetwork]) -> dict[str, torch.Tensor]:

@@ -26,7 +26,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_agents.dynamic_neurons.files import read_description, write_description
+from thruster_agents.dynamic_neurons.files import number_of, read_description, write_description
 from thruster_agents.dynamic_neurons.high_level import AXES, HighLevelClassifier, MissionSignals
 from thruster_agents.dynamic_neurons.low_level import LowLevelClassifier
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import os
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
+from thruster_agents.checkpoints import check_like, read_tree, write_tree
 from thruster_agents.dynamic_neurons.back_propagation import dynamic_back_propagation
 from thruster_agents.dynamic_neurons.networks import DynamicNetwork, SequenceNetwork
 from thruster_envs.configuration import coerce_fields, require
@@ -104,7 +106,8 @@ def train(
         inputs: (batch, time, inputs).
         targets: (batch, time), what it should give out.
         settings: By default L-BFGS to a mean square error of 1e-4.
-        checkpoint: File that the run can be resumed from; None for none.
+        checkpoint: File that the run can be resumed from; None for none. The one before it is kept beside it,
+            and taken with a warning where the file is damaged. Neither holds anything that is run.
         progress: Called after each step with the steps so far and the mean square error.
 
     Raises:
@@ -156,8 +159,8 @@ class _Run:
         self.seconds = 0.0
         self.best = _parameters(network)
         self.evaluated: tuple[torch.Tensor, torch.Tensor] | None = None
-        if checkpoint is not None and checkpoint.exists():
-            self._restore(torch.load(checkpoint, weights_only=True))
+        if checkpoint is not None:
+            self._restore(checkpoint, warnings.warn)
 
     def go(self, progress: Callable[[int, float], None] | None) -> TrainingRecord:
         """Take steps until the error is small enough, there were enough, or none leads on."""
@@ -235,25 +238,72 @@ class _Run:
             "parameters": _parameters(self.network),
             "buffers": dict(self.network.named_buffers()),
             "best": self.best,
-            "optimiser": self.optimiser.state_dict(),
+            "optimiser": self.optimiser.state_dict()["state"],
             "errors": self.errors,
             "seconds": seconds,
         }
-        unfinished = self.path.with_suffix(".unfinished")
-        torch.save(saved, unfinished)
-        os.replace(unfinished, self.path)
+        if self.path.is_file():
+            os.replace(self.path, _previous(self.path))
+        write_tree(self.path, saved)
 
-    def _restore(self, saved: dict[str, Any]) -> None:
+    def _restore(self, path: Path, tell: Callable[[str], None]) -> None:
+        """Go on with a checkpoint, or where it is damaged with the one before it."""
+        for one in (path, _previous(path)):
+            if one.exists():
+                try:
+                    saved = read_tree(one)
+                except ValueError as error:
+                    tell(f"{error}; going on from an earlier moment")
+                    continue
+                self._take(one, saved)
+                return
+
+    def _take(self, path: Path, saved: Any) -> None:
         count = self.best.numel()
-        if saved["parameters"].numel() != count:
-            raise ValueError(
-                f"{self.path} has {saved['parameters'].numel()} parameters; {count}, those of the network, "
-                "would be right"
-            )
+        vector = saved.get("parameters") if isinstance(saved, dict) else None
+        if not isinstance(vector, torch.Tensor) or vector.numel() != count:
+            there = vector.numel() if isinstance(vector, torch.Tensor) else "no"
+            raise ValueError(f"{path} has {there} parameters; {count}, those of the network, would be right")
+        errors, state = saved.get("errors"), saved.get("optimiser")
+        form = {
+            "parameters": self.best,
+            "buffers": dict(self.network.named_buffers()),
+            "best": self.best,
+            "optimiser": state,
+            "errors": [0.0] * (len(errors) if isinstance(errors, list) else 1),
+            "seconds": 0.0,
+        }
+        check_like(saved, form, str(path))
+        _check_state(path, state, self.optimiser)
         torch.nn.utils.vector_to_parameters(saved["parameters"], self.network.parameters())
         self.network.load_state_dict(saved["buffers"], strict=False)
         self.best, self.errors, self.seconds = saved["best"], list(saved["errors"]), saved["seconds"]
-        self.optimiser.load_state_dict(saved["optimiser"])
+        self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": state})
+
+
+def _previous(path: Path) -> Path:
+    return path.with_name(f"{path.name}.previous")
+
+
+def _check_state(path: Path, state: Any, optimiser: torch.optim.Optimizer) -> None:
+    """Check what an optimiser remembers: of its own parameters, and nothing larger than they are."""
+    parameters = [one for group in optimiser.param_groups for one in group["params"]]
+    largest = sum(one.numel() for one in parameters)
+    if not isinstance(state, dict) or not state.keys() <= set(range(len(parameters))):
+        raise ValueError(f"{path}: optimiser must be the state of {len(parameters)} parameters")
+    for key, remembered in state.items():
+        whole = isinstance(optimiser, torch.optim.LBFGS)
+        shapes = {(), (largest,)} if whole else {(), tuple(parameters[key].shape)}
+        values = list(remembered.values()) if isinstance(remembered, dict) else [""]
+        values += [one for value in values if isinstance(value, list) for one in value]
+        for value in values:
+            fits = (
+                tuple(value.shape) in shapes
+                if isinstance(value, torch.Tensor)
+                else not isinstance(value, str)
+            )
+            if not fits:
+                raise ValueError(f"{path}: optimiser: parameter {key} has a state of another kind or shape")
 
 
 def _optimiser(network: SequenceNetwork, settings: TrainingSettings) -> torch.optim.Optimizer:

@@ -25,6 +25,8 @@ class RegretReward(VectorWrapper):
         scale: What the sum is multiplied by.
     """
 
+    any_autoreset_mode = True
+
     def __init__(self, env: VectorEnv[Any, Any, Any], mapper: Mapper, scale: float = 10.0) -> None:
         super().__init__(env)
         self._state = env.unwrapped.worlds.state

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from thruster_agents.environments import Form
 from thruster_agents.ppo import Settings
 from thruster_agents.run_folders.folder import RunFolder
-from thruster_envs.configuration import from_mapping
+from thruster_envs.configuration import from_mapping, shown
 from thruster_envs.seeds import TEST, VALIDATION, first_training_seed
 from thruster_envs.spacecraft import Spacecraft
 
@@ -103,7 +103,7 @@ class Configuration:
         for name, (least, most) in _WHOLE.items():
             value = getattr(self, name)
             if not least <= value <= most:
-                raise ValueError(f"{name} must be a whole number from {least} to {most}, got {_short(value)}")
+                raise ValueError(f"{name} must be a whole number from {least} to {most}, got {shown(value)}")
         for name, (low, high) in _REAL.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -114,11 +114,11 @@ class Configuration:
         if not plain.isalnum() or len(os.fsencode(self.name)) > _LONGEST_NAME:
             raise ValueError(
                 f"name must be letters, digits, - and _, at most {_LONGEST_NAME} bytes, "
-                f"got {_short(self.name)}"
+                f"got {shown(self.name)}"
             )
         for name in ("spacecraft", "runs", "results", "resume"):
             if "\0" in (getattr(self, name) or ""):
-                raise ValueError(f"{name} must be a path, got {_short(getattr(self, name))}")
+                raise ValueError(f"{name} must be a path, got {shown(getattr(self, name))}")
         first_training_seed(self.seed + self.seeds - 1, self.worlds)
 
     def settings(self, form: Form, seed: int, spacecraft: Spacecraft) -> Settings:
@@ -159,11 +159,3 @@ def read_configuration(run: RunFolder) -> Configuration:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return found
-
-
-def _short(value: object) -> str:
-    """A value on one line, shortened; a whole number may have more digits than Python prints."""
-    if isinstance(value, int) and abs(value) > 10**40:
-        return "a number of more than 40 digits"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

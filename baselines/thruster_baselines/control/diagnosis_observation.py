@@ -208,6 +208,8 @@ class VectorDiagnosisObservation(VectorWrapper):
         ValueError: A detector of another number of vehicles, or navigation without delay.
     """
 
+    any_autoreset_mode = True
+
     def __init__(self, env: VectorEnv[Any, Any, Any], detector: NavigationDetector) -> None:
         super().__init__(env)
         self._watch = _Watch(env, detector, env.num_envs)

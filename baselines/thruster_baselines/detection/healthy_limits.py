@@ -105,7 +105,9 @@ class HealthyLimits:
             least: Limits below this need not be exact.
         """
         limit = np.zeros(len(on_times))
-        self._follow(on_times, covariance, effectiveness, valid, limit, np.zeros(on_times.shape), least)
+        self._follow(
+            on_times, covariance, effectiveness, valid, limit, np.zeros(on_times.shape), least, False
+        )
         return limit
 
     def of_lost_share(
@@ -122,18 +124,18 @@ class HealthyLimits:
             valid: (vehicles,), whether there was a measurement.
         """
         deviation = np.zeros(on_times.shape)
-        self._follow(on_times, scale, effectiveness, valid, np.zeros(len(on_times)), deviation, np.inf)
+        self._follow(on_times, scale, effectiveness, valid, np.zeros(len(on_times)), deviation, 0.0, True)
         limit: FloatArray = self._one_of_all * deviation.max(axis=1)
         return limit
 
     def _follow(
         self, on_times: FloatArray, metric: FloatArray, effectiveness: FloatArray, valid: BoolArray,
-        limit: FloatArray, deviation: FloatArray, least: float,
+        limit: FloatArray, deviation: FloatArray, least: float, shares: bool,
     ) -> None:  # fmt: skip
         covariance, variance = self._filter.shared_covariance()
         work = partial(
             _propagate, on_times, metric, effectiveness, valid, covariance, variance, self._noise.sensors,
-            self._noise.effectiveness, self._noise.scatter, self._rate, self._one, least, self._wrong,
+            self._noise.effectiveness, self._noise.scatter, self._rate, self._one, least, shares, self._wrong,
             self._gain, limit, deviation,
         )  # fmt: skip
         in_threads(work, len(on_times))
@@ -244,6 +246,7 @@ def _propagate(
     rate: float,
     quantile: float,
     least: float,
+    shares: bool,
     wrong: FloatArray,
     gain: FloatArray,
     limit: FloatArray,
@@ -303,9 +306,11 @@ def _propagate(
                         along[j] += d[axis] * columns[axis, j]
             for j in range(n):
                 by_scatter += (fired[j] * along[j]) ** 2
-            largest = max(largest, (by_scatter + 2.0 * by_sensors) / length)
+            along_one = by_scatter + 2.0 * by_sensors
+            largest = max(largest, along_one if shares else along_one / length)
             spread[i] = math.sqrt(by_scatter + (1.0 + again) * by_sensors + length * learned)
-        limit[v] = _union_limit(spread, rate, quantile, least)
+        if not shares:
+            limit[v] = _union_limit(spread, rate, quantile, least)
         if learns:
             total = learned + largest
             for i in range(n):

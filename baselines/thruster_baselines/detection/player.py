@@ -30,11 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import ObservedFiring, places
+from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_envs.faults import mode_of
 from thruster_envs.protocols import Diagnosis, FloatArray, IntArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["DetectorPlayer", "PlayerDetector"]
 
@@ -47,14 +48,16 @@ class DetectorPlayer:
     Args:
         environment: That is played, for what stands where in its observation.
         make: Builds a detector for so many vehicles, threshold included; by default cumulative sums
-            (`CUSUMDetector`).
+            (`CUSUMDetector`) that alarm in one of 10,000 healthy periods or fewer, where a body does not turn
+            far in a period: at 30 s Orion turns too far for the model, and one in 30 is an alarm.
         comparison: Of the models of a fault; by default four sizes of a loss, five openings, two tilts to
             eight sides.
         worlds: How many are played; by default as many as the vector environment has, and one of a single
             environment, whose observation goes in as `observation[np.newaxis]`.
 
     Raises:
-        ValueError: An environment that is no diagnosis task.
+        ValueError: An environment that is no diagnosis task; no detector for a spacecraft whose sensors have
+            no errors.
 
     >>> import gymnasium as gym
     >>> import thruster_envs
@@ -236,12 +239,21 @@ _DECLARED = ("whether each thruster was declared last", "whether each mode was d
 _LEAST_EVIDENCE = math.log(20.0)
 
 _THRESHOLD = 8.0
-"""Of the cumulative sums: what 500 healthy validation flights of `FaultDiagnosis-v0` show to be exceeded in
-fewer than one of 10,000 periods of Orion."""
+"""Of the cumulative sums of Orion: what 500 healthy validation flights of `FaultDiagnosis-v0` show to be
+exceeded in fewer than one of 10,000 periods. For other vehicles the same rate has a bound in closed form."""
 
 
 def _sums(spacecraft: Spacecraft, worlds: int) -> BaseDetector:
-    return CUSUMDetector(spacecraft, _THRESHOLD, noise=PhysicalNoise(spacecraft), vehicles=worlds)
+    sensors = spacecraft.sensors
+    if not (sensors.velocity > 0.0 and sensors.rate > 0.0):
+        raise ValueError(
+            f"make must be given for {spacecraft.name}, got None: its sensors have no errors, so that "
+            "all that is left out of the model would be an alarm"
+        )
+    threshold = _THRESHOLD
+    if spacecraft != load("orion"):  # a sum begins anew from zero, and reaches h with a chance of exp(-h)
+        threshold = math.log(2.0 * spacecraft.number_of_thrusters / FALSE_ALARMS)
+    return CUSUMDetector(spacecraft, threshold, noise=PhysicalNoise(spacecraft), vehicles=worlds)
 
 
 def _models(spacecraft: Spacecraft) -> ModelComparison:

@@ -27,6 +27,7 @@ from thruster_envs.faults.record import (
     KINDS,
     PROFILES,
     Fault,
+    check_end,
     check_kind,
     check_profile,
     check_profile_time,
@@ -126,6 +127,7 @@ class FaultDistribution:
         if self.duration != (math.inf, math.inf):
             _check_range("duration", self.duration, low=0.0)
             require(self.duration[0] > 0.0, "duration", self.duration, "a range above 0 s")
+            check_end(self.onset[1], self.duration[0])
         require(len(self.profiles) > 0, "profiles", self.profiles, "at least one profile")
         for profile in self.profiles:
             check_profile(profile)

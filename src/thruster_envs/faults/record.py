@@ -140,6 +140,7 @@ class Fault:
             "a finite number of s, zero or more",
         )
         require(self.duration > 0.0, "duration", self.duration, "a positive number of s, or inf")
+        check_end(self.onset, self.duration)
         require(
             math.isfinite(self.profile_time) and self.profile_time >= 0.0,
             "profile_time",
@@ -183,6 +184,15 @@ def check_profile_time(profile_time: float) -> None:
     """Raise a `ValueError` if a ramp or wave would be too quick for the clock of an episode."""
     if profile_time < SHORTEST_PROFILE_TIME:
         raise ValueError(f"profile_time must be at least {SHORTEST_PROFILE_TIME:g} s, got {profile_time:g} s")
+
+
+def check_end(onset: float, duration: float) -> None:
+    """Raise a `ValueError` if a fault would end at the moment at which it begins, for want of digits."""
+    if onset + duration == onset:
+        raise ValueError(
+            f"duration must be at least {math.ulp(onset):.3g} s with an onset of {onset:g} s, "
+            f"got {duration:g} s"
+        )
 
 
 def check_severity(kind: str, severity: float) -> None:

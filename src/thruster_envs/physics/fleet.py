@@ -376,8 +376,8 @@ def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Floa
     return values
 
 
-#: Shortest control period of a craft that flies, s.
-SHORTEST_PERIOD = 1e-3
+#: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.
+SHORTEST_PERIOD, COARSEST_ATTITUDE = 1e-3, 1.0
 
 
 def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> None:
@@ -401,6 +401,11 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
         raise ValueError(
             f"mean_motion of {name!r} must be at most {most / period:g} rad/s, "
             f"{most:g} rad in a control period, to be flown, got {n!r}"
+        )
+    if spacecraft.sensors.attitude > COARSEST_ATTITUDE:
+        raise ValueError(
+            f"sensors: attitude of {name!r} must be at most {COARSEST_ATTITUDE:g} rad, "
+            f"got {spacecraft.sensors.attitude!r}"
         )
     firing = period if spacecraft.discharge is None else spacecraft.discharge.firing_time
     used = firing * sum(

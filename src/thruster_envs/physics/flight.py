@@ -46,6 +46,8 @@ _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 ) = range(15)  # fmt: skip
 #: Most sub-steps of a craft in a period, beyond one for each piece; one that needs more is lost.
 MOST_SUBSTEPS = 8192
+#: A craft of which a number of its state is larger is lost.
+_OUT_OF_REACH = 1e20
 #: Most rows of the schedule beside one for each corner; what finds no room waits until these are flown.
 _ROOM = 512
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
@@ -829,13 +831,14 @@ def _specific(force, mass, push):
 def freeze_lost(b, data, state):
     """Put craft that are lost back to where they were at the start of the period, and mark them so.
 
-    Lost are those that turned too fast to be followed, and those of which a number is no longer finite.
+    Lost are those that turned too fast to be followed, those that have no mass left, and those of which a
+    number is not finite or out of any reach, in the unit that it has.
     """
     for w in range(state.shape[1]):
-        zero = 0.0
+        within = data[b, at.LOST, w] == 0.0 and state[_M, w] > 0.0
         for k in range(_STATE):
-            zero += 0.0 * state[k, w]
-        if data[b, at.LOST, w] > 0.0 or not (zero == 0.0 and state[_M, w] > 0.0):
+            within &= abs(state[k, w]) <= _OUT_OF_REACH
+        if not within:
             data[b, at.LOST, w] = 1.0
             for k in range(_STATE):
                 state[k, w] = data[b, k, w]

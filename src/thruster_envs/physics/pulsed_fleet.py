@@ -12,11 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS
+from thruster_envs.physics import layout as at
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.plasma_pulse import PulseMap
 from thruster_envs.spacecraft import Discharge, Spacecraft
-from thruster_envs.spacecraft.description import Vector
+from thruster_envs.spacecraft.description import LARGEST, Vector
 
 #: N m, body axes: what the imbalance of the pulses of a healthy craft in Valdes 2008, Table 5.VII, asks for.
 BIAS_TORQUE = (1.3e-10, -2.7e-10, 5.1e-10)
@@ -75,6 +76,8 @@ class PulsedFleet(Fleet):
         pulsed[pulse.BIAS : pulse.BIAS + 3] = bias_torque
         pulsed[pulse.SUBSTEPS] = math.ceil(spacecraft.control_period / (max_substep or SUBSTEP))
         pulsed[[pulse.BIAS_OF_LOSS, pulse.BIAS_OF_GAIN]] = fault_bias
+        torque = math.hypot(*bias_torque) + slots * max(map(abs, fault_bias))
+        self.constants[at.SPIN_UP] = torque / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
         capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
         table = PulseMap.of(discharge)
         #: What the kernels read of the vehicle.
@@ -97,6 +100,8 @@ def check_torques(bias_torque: Sequence[float], fault_bias: Sequence[float]) -> 
     for name, values, count in (("bias_torque", bias_torque, 3), ("fault_bias", fault_bias, 2)):
         if len(values) != count or not all(map(math.isfinite, values)):
             raise ValueError(f"{name} is {values}; {count} finite numbers of N m would be right")
+        if any(abs(value) > LARGEST for value in values):
+            raise ValueError(f"{name} must be at most {LARGEST:g} N m, got {values}")
 
 
 def discharge_of(spacecraft: Spacecraft) -> Discharge:

@@ -8,7 +8,6 @@ up. Leaves out tests that pause the pilot: it goes on holding the craft, and so 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -20,7 +19,7 @@ from thruster_envs.faults import MODES
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
 from thruster_envs.tasks.access import place
-from thruster_envs.tasks.contract import Feature, Observations, check_positive
+from thruster_envs.tasks.contract import Feature, Observations, check_not_negative, check_positive
 from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
 
 
@@ -53,8 +52,7 @@ class ActiveDiagnosis(FaultDiagnosis):
                 f"test_duties is {duties!r}; one or more numbers above 0 and at most 1 would be right"
             )
         check_positive(self, "budget", "soft_rate_limit")
-        if not 0.0 <= self.fuel_cost < math.inf:
-            raise ValueError(f"fuel_cost is {self.fuel_cost!r}; a finite number of 0 or more would be right")
+        check_not_negative(self, "fuel_cost")
 
     @cached_property
     def choices(self) -> tuple[int, ...] | None:

@@ -22,6 +22,7 @@ from thruster_envs.faults import Fault, FaultDistribution, as_faults
 from thruster_envs.physics.fleet import Fleet, check_flyable
 from thruster_envs.physics.flight import MOST_SUBSTEPS
 from thruster_envs.spacecraft import Spacecraft, load
+from thruster_envs.spacecraft.description import LARGEST
 
 FloatArray = NDArray[np.float64]
 Observations = NDArray[np.float32]
@@ -99,18 +100,22 @@ def check_positive(task: Any, *names: str) -> None:
         value = getattr(task, name)
         if not 0.0 < value < math.inf:
             raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
+        if not 1.0 / LARGEST <= value <= LARGEST:
+            raise ValueError(f"{name} must be from {1.0 / LARGEST:g} to {LARGEST:g}, got {value!r}")
 
 
-def check_range(task: Any, low: float, high: float, unit: str, *names: str) -> None:
-    """Refuse a task of which one of these attributes is not a number from ``low`` to ``high``.
+def check_not_negative(task: Any, *names: str) -> None:
+    """Refuse a task of which one of these attributes is not a finite number of 0 or more.
 
     Raises:
         ValueError: One line that names it.
     """
     for name in names:
         value = getattr(task, name)
-        if not low <= value <= high:
-            raise ValueError(f"{name} must be from {low:g} to {high:g}{unit}, got {value!r}")
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
+        if not value <= LARGEST:
+            raise ValueError(f"{name} must be at most {LARGEST:g}, got {value!r}")
 
 
 def axis_scale(vehicle: Spacecraft) -> FloatArray:
@@ -244,9 +249,17 @@ class Task(ABC):
         """Control periods after which the task itself ends an episode; None where it never does."""
         return None
 
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """What ``faults=None`` stands for: no faults, unless a task says otherwise."""
+        return ()
+
+    def faults_from(self, faults: Any) -> tuple[Fault, ...] | FaultDistribution:
+        """Faults as records or as a distribution, from any form that ``faults`` may have in make or reset."""
+        return self.default_faults() if faults is None else as_faults(faults)
+
     def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
         """The faults of the configuration as records or as a distribution."""
-        return as_faults(self.faults)
+        return self.faults_from(self.faults)
 
     # What it does to a batch -----------------------------------------------------------------------------
 

@@ -46,6 +46,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_not_negative,
     check_positive,
     check_whole,
 )
@@ -149,10 +150,9 @@ class FaultDiagnosis(Task):
         check_whole("leg", self.leg, 1, FLIGHT)
         check_positive(self, "range_limit", "rate_limit")
         reach = () if self.reach is None else ("reach",)
-        for name in (*reach, "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
+        check_not_negative(
+            self, *reach, "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"
+        )
 
     @cached_property
     def choices(self) -> tuple[int, ...] | None:
@@ -188,14 +188,8 @@ class FaultDiagnosis(Task):
         """What a variant of the task observes beyond that."""
         return ()
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
-
-        By default, in four flights of five, one thruster that fails in the first half of the flight, in any
-        mode.
-        """
-        if self.faults is not None:
-            return super().fault_source()
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four flights of five, one thruster that fails in the first half, in any mode."""
         return FaultDistribution(
             probability=0.8,
             kinds={"stuck_off": 1.0, "loss": 2.0, "leak": 1.0, "stuck_on": 1.0, "misalignment": 1.0},

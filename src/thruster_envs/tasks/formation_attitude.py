@@ -42,6 +42,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_not_negative,
     check_positive,
     check_whole,
 )
@@ -159,11 +160,7 @@ class FormationAttitude(Task):
                 f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more "
                 "would be right"
             )
-        for name in ("balance_price", "pulse_price"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(
-                    f"{name} is {getattr(self, name)!r}; a finite number of 0 or more would be right"
-                )
+        check_not_negative(self, "balance_price", "pulse_price")
         AttitudePilot.of(self.vehicle)
 
     @property

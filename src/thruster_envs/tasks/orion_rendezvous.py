@@ -112,13 +112,12 @@ class OrionRendezvous(Task):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        start: tuple[float, ...] = tuple(float(x) for x in self.start)
-        object.__setattr__(self, "start", start)
+        start = self.start
         check_positive(
             self, "position_tolerance", "velocity_tolerance", "attitude_tolerance", "rate_tolerance",
             "range_limit", "rate_limit", "rate_soft_limit", "orbits",
         )  # fmt: skip
-        if len(start) != 3 or not math.hypot(*start) < self.range_limit:
+        if not math.hypot(*start) < self.range_limit:
             raise ValueError(
                 f"start is {start!r}; three numbers of m within {self.range_limit:g} m would be right"
             )
@@ -159,8 +158,10 @@ class OrionRendezvous(Task):
         # What a thruster-second and a rad/s are worth in m/s: the exchange rates between fuel and motion.
         thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
         lever = float(authority[:3].mean() / authority[3:].mean()) if authority[3:].any() else 0.0
-        reference = delta_v_to_go(
-            self.start, (0.0, 0.0, 0.0), self.steps * vehicle.control_period, vehicle.mean_motion
+        duration, at_rest = self.steps * vehicle.control_period, (0.0, 0.0, 0.0)
+        reference = max(  # one that starts at the target has its dispersion to make good
+            delta_v_to_go(start, at_rest, duration, vehicle.mean_motion)
+            for start in (self.start, (_DISPERSION[0],) * 3)
         )
         limits = (
             vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever,

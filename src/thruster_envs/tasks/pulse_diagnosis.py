@@ -45,6 +45,7 @@ from thruster_envs.tasks.contract import (
     Task,
     TaskState,
     Truth,
+    check_not_negative,
     check_whole,
 )
 
@@ -153,20 +154,17 @@ class PulseDiagnosis(Task):
             )
         check_whole("thruster", self.thruster, 1, self.vehicle.number_of_thrusters)
         check_whole("samples", self.samples, 2, discharge.number_of_samples)
-        every = self.sample_spacing / discharge.sample_time
+        every = min(max(self.sample_spacing / discharge.sample_time, 0.0), discharge.number_of_samples + 0.5)
         longest = (discharge.number_of_samples - 1) // (self.samples - 1)
         if not (1.0 <= round(every) <= longest and abs(every - round(every)) < 1e-6 * every):
             raise ValueError(
                 f"sample_spacing is {self.sample_spacing!r} s; a multiple of {discharge.sample_time:g} s "
                 f"up to {longest * discharge.sample_time:g} s, the end of the pulse, would be right"
             )
-        for name in (
-            "voltage_noise", "current_noise", "thrust_noise", "right_worth", "delay_cost",
+        check_not_negative(
+            self, "voltage_noise", "current_noise", "thrust_noise", "right_worth", "delay_cost",
             "false_alarm_cost", "wrong_name_cost",
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
+        )  # fmt: skip
         if not 0.0 < self.band < 1.0:
             raise ValueError(f"band is {self.band!r}; a share above 0 and below 1 would be right")
         most = math.sqrt(1.0 + self.band) - 1.0
@@ -216,14 +214,11 @@ class PulseDiagnosis(Task):
             Feature("true added resistance", 1, 10.0, f"{FULL_SCALE['conductivity_loss']:g} ohm", 0.0),
         )
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four episodes of five, one fault of the discharge that begins in the first half.
 
-        By default, in four episodes of five, one fault of the discharge that begins in the first half, at
-        once or growing, and does not always make the pulses faulty.
+        It begins at once or grows, and does not always make the pulses faulty.
         """
-        if self.faults is not None:
-            return super().fault_source()
         return FaultDistribution(
             probability=0.8,
             kinds=DISCHARGE_KINDS,

@@ -134,14 +134,8 @@ class ThrusterMapping(Task):
             *self.oracle_features(),
         )
 
-    def fault_source(self) -> tuple[Fault, ...] | FaultDistribution:
-        """The configured faults.
-
-        By default a thruster that is dead or weak from some command of the first half on, in four worlds of
-        five.
-        """
-        if self.faults is not None:
-            return super().fault_source()
+    def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
+        """In four worlds of five, a thruster that is dead or weak from some command of the first half on."""
         period = self.vehicle.control_period
         return FaultDistribution(
             probability=0.8,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from thruster_envs.views.actions import (
     BeliefAction,
@@ -14,13 +14,9 @@ from thruster_envs.views.actions import (
     VectorMapperAction,
 )
 
-#: Names that need an extra, and the module that has them; loaded on first use.
-_LAZY = {
-    "SB3VecEnv": "thruster_envs.views.sb3",
-    "SharedPolicyVecEnv": "thruster_envs.views.sb3",
-    "FormationAttitudeParallelEnv": "thruster_envs.views.parallel",
-    "FormationParallelEnv": "thruster_envs.views.parallel",
-}
+if TYPE_CHECKING:
+    from thruster_envs.views.parallel import FormationAttitudeParallelEnv, FormationParallelEnv
+    from thruster_envs.views.sb3 import SB3VecEnv, SharedPolicyVecEnv
 
 __all__ = [
     "BeliefAction",
@@ -34,6 +30,15 @@ __all__ = [
     "VectorHoldAction",
     "VectorMapperAction",
 ]
+
+
+#: Names that need an extra, and the module that has them; loaded on first use.
+_LAZY = {
+    "SB3VecEnv": "thruster_envs.views.sb3",
+    "SharedPolicyVecEnv": "thruster_envs.views.sb3",
+    "FormationAttitudeParallelEnv": "thruster_envs.views.parallel",
+    "FormationParallelEnv": "thruster_envs.views.parallel",
+}
 
 
 def __getattr__(name: str) -> Any:

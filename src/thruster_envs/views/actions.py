@@ -27,6 +27,7 @@ from thruster_envs.construction import rebuilt, record_of
 from thruster_envs.protocols import Mapper, MapperWithMemory
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.thruster_mapping import MappingState
+from thruster_envs.views.inputs import checked_actions
 from thruster_envs.views.single import TaskEnv
 from thruster_envs.views.vector import TaskVectorEnv
 
@@ -184,6 +185,8 @@ class VectorMapperAction(VectorWrapper):
         mapper: For the same vehicle; one with a memory has to serve as many worlds as there are.
     """
 
+    any_autoreset_mode = True
+
     def __init__(self, env: VectorEnv[Any, Any, Any], mapper: Mapper) -> None:
         super().__init__(env)
         self._allocation = _Allocation(env, mapper)
@@ -286,6 +289,8 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 class VectorBeliefAction(VectorWrapper):
     """:class:`BeliefAction` for a native vector environment, in any autoreset mode."""
 
+    any_autoreset_mode = True
+
     def __init__(self, env: VectorEnv[Any, Any, Any], mapper: Mapper, *, observe_belief: bool = True) -> None:
         super().__init__(env)
         self._allocation, self._observe = _Allocation(env, mapper), observe_belief
@@ -367,11 +372,10 @@ class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         for _ in range(self.periods - 1):
             if terminated or truncated:
                 break
-            so_far, terms, cost = reward, info["reward_terms"], info["cost"]
+            so_far, before = reward, info
             observation, reward, terminated, truncated, info = self.env.step(action)
             reward = float(so_far) + float(reward)
-            info["reward_terms"] = {name: terms[name] + term for name, term in info["reward_terms"].items()}
-            info["cost"] = cost + info["cost"]
+            _add_summed(info, before)
         return observation, reward, terminated, truncated, info
 
 
@@ -385,6 +389,8 @@ class VectorHoldAction(VectorWrapper):
         env: A vector environment of this suite, without other wrappers; a mapper goes around this one.
         periods: For how many control periods each action is held.
     """
+
+    any_autoreset_mode = True
 
     def __init__(self, env: VectorEnv[Any, Any, Any], periods: int) -> None:
         if not isinstance(env, TaskVectorEnv):
@@ -409,6 +415,15 @@ class VectorHoldAction(VectorWrapper):
         _batch(self).restore_state(saved)
 
 
+def _add_summed(info: dict[str, Any], before: dict[str, Any]) -> None:
+    """Add to the reward terms and the cost what they were before, in a nested info or a flat one."""
+    for key, value in info.items():
+        if key == "reward_terms":
+            info[key] = {name: before[key][name] + term for name, term in value.items()}
+        elif key == "cost" or key.startswith("reward_terms/"):
+            info[key] = before[key] + value
+
+
 def _batch(wrapper: VectorWrapper) -> TaskVectorEnv:
     base = wrapper.env.unwrapped
     assert isinstance(base, TaskVectorEnv)  # the constructor takes no other
@@ -427,9 +442,7 @@ def _with_belief(space: Any, thrusters: int) -> spaces.Box:
 
 
 def _finite(action: Any, *shape: int) -> Array:
-    array = np.asarray(action, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"the action has the shape {array.shape}; {shape} would be right")
+    array = checked_actions(action, shape)
     if not np.isfinite(array).all():
         raise ValueError(
             f"the action has the entry {array[~np.isfinite(array)][0]}; numbers from -1 to 1 would be right"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,15 +11,15 @@ from numpy.typing import NDArray
 
 from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
+from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
-from thruster_envs.views.single import checked_render_mode, make_task, of_one_agent
+from thruster_envs.views.single import checked_flag, checked_render_mode, make_task, of_one_agent
 from thruster_envs.views.spaces import action_space, observation_space
-from thruster_envs.views.worlds import Step, Worlds, checked_seed
+from thruster_envs.views.worlds import Step, Worlds
 
 with extra("multi-agent", __name__):
     import pettingzoo
     from pettingzoo import ParallelEnv
-    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
@@ -30,6 +31,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
     Args:
         max_cycles: Time limit in periods; None takes the task's own.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
+        flat_info: Whether the infos have no dictionaries in them, but keys like ``reward_terms/fuel``, and
+            NumPy scalars and arrays instead of Python's numbers.
         **configuration: Fields of the task's configuration.
     """
 
@@ -41,11 +44,16 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
     task_type: ClassVar[type[Task]]
 
     def __init__(
-        self, *, max_cycles: int | None = None, render_mode: str | None = None, **configuration: Any
+        self,
+        *,
+        max_cycles: int | None = None,
+        render_mode: str | None = None,
+        flat_info: bool = False,
+        **configuration: Any,
     ) -> None:
-        self.task = make_task(
-            self.task_type, configuration, {}, ("max_cycles", "render_mode"), type(self).__name__
-        )
+        others = ("max_cycles", "render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, {}, others, type(self).__name__)
+        self.flat_info = checked_flag("flat_info", flat_info)
         self.max_cycles = max_cycles if max_cycles is not None else self.task.max_episode_steps
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1, max_episode_steps=self.max_cycles)
@@ -59,7 +67,6 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
             np.tile(box.high, len(self.possible_agents)),
             dtype=np.float32,
         )
-        self._generator = np.random.default_rng()
         self._camera = Camera(self.worlds, 0, self.task_type.__name__)
 
     def observation_space(self, agent: str) -> spaces.Box:
@@ -75,8 +82,8 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Begin an episode with every agent; ``options={"faults": ...}`` gives it faults of its own."""
         if seed is not None or not self.worlds.seeded:
-            fresh = checked_seed(seed) if seed is not None else int(self._generator.integers(2**63))
-            self.worlds.seed(_ONE, [fresh])
+            fresh = np.random.SeedSequence().entropy if seed is None else seed
+            self.worlds.seed(_ONE, [checked_seed(fresh)])
         self.worlds.reset(_ONE, options)
         self.agents = list(self.possible_agents)
         self._camera.watch(begins=True, mode=self.render_mode)
@@ -88,22 +95,28 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
         dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
     ]:
         """Let one control period pass; all agents end together."""
+        self.worlds.require_reset("step")
         if not self.agents:
-            raise ValueError("the episode is over or has not begun; call reset() before step()")
+            raise ValueError("the episode is over; call reset() before step()")
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions must be a dict from agent to action, got {type(actions).__name__}")
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(
                 f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
             )
-        given = {agent: np.asarray(actions[agent]) for agent in self.agents}
-        for agent, action in given.items():
-            right = self.action_spaces[agent].shape
-            if action.shape != right:
-                raise ValueError(
-                    f"the action of {agent} has the shape {action.shape}; {right} would be right"
-                )
+        switches = self.task.choices is not None
+        given = [
+            checked_actions(
+                actions[agent],
+                self.action_spaces[agent].shape or (),
+                name=f"the action of {agent}",
+                switches=switches,
+            )
+            for agent in self.agents
+        ]
         self.worlds.max_episode_steps = self.max_cycles
-        step = self.worlds.step(np.stack(list(given.values())).reshape((1, len(given), -1)))
+        step = self.worlds.step(np.stack(given).reshape((1, len(given), -1)))
         self._camera.watch(begins=False, mode=self.render_mode)
         agents = self.agents
         rewards = {agent: float(step.rewards[0, k]) for k, agent in enumerate(agents)}
@@ -119,14 +132,21 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
     def _infos(self, step: Step | None) -> dict[str, dict[str, Any]]:
         info = self.worlds.info(step)
-        return {agent: of_one_agent(info, k) for k, agent in enumerate(self.agents)}
+        return {agent: of_one_agent(info, k, flat=self.flat_info) for k, agent in enumerate(self.agents)}
+
+    @property
+    def np_random_seed(self) -> int | None:
+        """The seed of the last reset that had one, or was the first; None before that."""
+        return self.worlds.seed_of(0) if self.worlds.seeded else None
 
     def state(self) -> Observation:
         """The observations of all agents, one after another."""
+        self.worlds.require_reset("state")
         return np.ravel(self.worlds.observe()[0])
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the formation now, in the mode ``rgb_array``."""
+        self.worlds.require_reset("render")
         if self.render_mode == "rgb_array":
             return self._camera.frame()
         if self.render_mode == "human":
@@ -140,7 +160,14 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
 
 
 def register_parallel(identifier: str, module: str) -> None:
-    """Register the two makers of a module with PettingZoo, unless its tables have that id already."""
+    """Register the two makers of a module with PettingZoo, unless its tables have that id already.
+
+    PettingZoo has tables from 1.27 on; before, its environments are found by their modules alone.
+    """
+    if not hasattr(pettingzoo, "register"):
+        return
+    from pettingzoo.env_registry.registration import aec_registry, parallel_registry
+
     for form, registry, maker in (
         ("parallel", parallel_registry, "parallel_env"),
         ("aec", aec_registry, "env"),
@@ -227,11 +254,14 @@ class FormationParallelEnv(TaskParallelEnv):
     - `fuel`: thruster-seconds of open valve of the craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
 
     ## Arguments
 
     - `max_cycles`: time limit in periods, 120 by default.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
     - `craft`: number of craft, 2 to 8. `commanded`: how many of them are agents, counted from the first; the
       others fly with the suite's scripted pilot, which knows of no fault.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
@@ -342,6 +372,7 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is
       lost.
     - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
       `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
       where it is not.
@@ -373,6 +404,8 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
     - `max_substep`: longest integration sub-step, s; None for 1 s. `nonlinear`: without effect, nothing
       moves.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> env = FormationAttitudeParallelEnv(faults=[{"craft": 3, "thruster": 5, "kind": "propellant_loss",
     ...                                             "severity": 0.9}])

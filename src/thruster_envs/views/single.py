@@ -8,14 +8,16 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from thruster_envs.configuration import from_mapping, suggestion
 from thruster_envs.tasks import Task
+from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
-from thruster_envs.views.worlds import Step, Worlds, checked_seed
+from thruster_envs.views.worlds import Step, Worlds
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
@@ -26,6 +28,8 @@ class TaskEnv(gym.Env[Observation, Any]):
 
     Args:
         render_mode: None, ``"rgb_array"`` or ``"human"``.
+        flat_info: Whether ``info`` has no dictionaries in it, but keys like ``reward_terms/fuel``, and NumPy
+            scalars and arrays instead of Python's numbers.
         **configuration: Fields of the task's configuration.
     """
 
@@ -34,10 +38,12 @@ class TaskEnv(gym.Env[Observation, Any]):
     fixed: ClassVar[dict[str, Any]] = {}
     _spec: EnvSpec | None = None
 
-    def __init__(self, *, render_mode: str | None = None, **configuration: Any) -> None:
-        self.task = make_task(
-            self.task_type, configuration, self.fixed, ("render_mode",), type(self).__name__
-        )
+    def __init__(
+        self, *, render_mode: str | None = None, flat_info: bool = False, **configuration: Any
+    ) -> None:
+        others = ("render_mode", "flat_info")
+        self.task = make_task(self.task_type, configuration, self.fixed, others, type(self).__name__)
+        self.flat_info = checked_flag("flat_info", flat_info)
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
         self.observation_space = observation_space(self.task)
@@ -57,19 +63,20 @@ class TaskEnv(gym.Env[Observation, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; ``options={"faults": ...}`` gives it faults of its own."""
-        super().reset(seed=seed)
-        if seed is not None or not self.worlds.seeded:
-            fresh = checked_seed(seed) if seed is not None else int(self.np_random.integers(2**63))
-            self.worlds.seed(_ONE, [fresh])
+        given = None if seed is None else checked_seed(seed)
+        if given is not None or not self.worlds.seeded:
+            self.worlds.seed(_ONE, [seed_in_use(self) if given is None else given])
         self.worlds.reset(_ONE, options)
+        super().reset(seed=given)
         self._camera.watch(begins=True, mode=self.render_mode)
         return self.worlds.observe()[0, 0], self._info(None)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Let one control period pass under ``action``."""
-        if not self.worlds.seeded:
-            raise gym.error.ResetNeeded("the environment has not been reset; call reset() before step()")
-        step = self.worlds.step(np.asarray(action, dtype=np.float64).reshape((1, 1, -1)))
+        self.worlds.require_reset("step")
+        switches = self.task.choices is not None
+        actions = checked_actions(action, self.action_space.shape or (), switches=switches)
+        step = self.worlds.step(actions.reshape((1, 1, -1)))
         self._camera.watch(begins=False, mode=self.render_mode)
         return (
             step.observations[0, 0],
@@ -80,10 +87,11 @@ class TaskEnv(gym.Env[Observation, Any]):
         )
 
     def _info(self, step: Step | None) -> dict[str, Any]:
-        return of_one_agent(self.worlds.info(step), 0)
+        return of_one_agent(self.worlds.info(step), 0, flat=self.flat_info)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""
+        self.worlds.require_reset("render")
         if self.render_mode == "rgb_array":
             return self._camera.frame()
         if self.render_mode == "human":
@@ -99,15 +107,53 @@ class TaskEnv(gym.Env[Observation, Any]):
             self._camera.close()
 
 
-def of_one_agent(info: dict[str, Any], agent: int) -> dict[str, Any]:
-    """What the info of a batch of one says of an agent: plain numbers, and arrays over the fault slots."""
+def seed_in_use(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int:
+    """The seed of an environment's generator, with which a reset repeats what it begins with now."""
+    generator, seed = env.np_random, env.np_random_seed
+    if not isinstance(seed, int) or seed < 0:  # somebody has set the generator
+        return int(generator.integers(2**63))
+    return checked_seed(seed)
+
+
+def of_one_agent(info: dict[str, Any], agent: int, *, flat: bool) -> dict[str, Any]:
+    """What the info of a batch of one says of an agent.
+
+    Python's numbers, and arrays over the fault slots; where it is to be flat, NumPy's scalars instead.
+    """
+    if flat:
+        return {
+            key: value[0, agent].copy() if value.ndim > 2 else value[0, agent]
+            for key, value in flattened(info).items()
+        }
     result: dict[str, Any] = {}
     for key, value in info.items():
         if isinstance(value, dict):
-            result[key] = of_one_agent(value, agent)
+            result[key] = of_one_agent(value, agent, flat=False)
         else:
             result[key] = value.item(agent) if value.ndim == 2 else value[0, agent].copy()
     return result
+
+
+def flattened(info: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """The entries of an info with the path to each as its key: ``reward_terms/fuel``."""
+    result: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            result |= flattened(value, f"{before}{key}/")
+        else:
+            result[f"{before}{key}"] = value
+    return result
+
+
+def checked_flag(name: str, value: Any) -> bool:
+    """True or False, and nothing else.
+
+    Raises:
+        ValueError: Anything else.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
 
 
 def make_task(

@@ -26,7 +26,9 @@ def stated(spec: EnvSpec | None, task: Task, limit: int | None = None) -> EnvSpe
         return None
     kwargs, bound = dict(spec.kwargs), _bound(spec, task, limit)
     if task.steps is not None and bound == task.steps + 1 and kwargs.get("max_episode_steps") == bound:
-        del kwargs["max_episode_steps"]  # made from such a specification, where it was a bound and no argument
+        del kwargs[
+            "max_episode_steps"
+        ]  # made from such a specification, where it was a bound and no argument
     source = kwargs.get("spacecraft", "")
     if not (isinstance(source, str) and (not source or source in catalogue())):
         kwargs["spacecraft"] = task.vehicle

@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.contract import check_whole
+from thruster_envs.views.inputs import checked_actions, checked_options, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
-from thruster_envs.views.single import checked_render_mode, make_task
+from thruster_envs.views.single import (
+    checked_flag,
+    checked_render_mode,
+    flattened,
+    make_task,
+    seed_in_use,
+)
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
-from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds, checked_seed
+from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds
 
 Observations = NDArray[np.float32]
 _End = tuple[NDArray[np.bool_], dict[str, Any]]
 """Worlds whose episode ended, and what ``info`` was then."""
-_ARGUMENTS = ("num_envs", "max_episode_steps", "render_mode", "autoreset_mode", "threads")
+_ARGUMENTS = ("num_envs", "max_episode_steps", "render_mode", "autoreset_mode", "threads", "flat_info")
 
 
 class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
@@ -30,7 +37,8 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
 
     World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit
     for bit, later episodes included; a list of seeds is taken too. ``reset(options={"reset_mask": mask})``
-    begins new episodes in the worlds of the mask and leaves the others alone.
+    begins new episodes in the worlds of the mask and leaves the others alone. ``options={"faults": ...}``
+    gives all of them the same faults for that episode; a list of lists, one for each world, each its own.
 
     At the end of an episode: with ``NEXT_STEP`` the next step ignores the action of that world, begins its
     next episode and gives that first observation, reward 0 and both flags False; with ``SAME_STEP`` the same
@@ -45,6 +53,8 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             window).
         autoreset_mode: An ``AutoresetMode`` or its value.
         threads: Threads that share a step; None chooses. Results do not depend on it.
+        flat_info: Whether ``infos`` have no dictionaries in them, but keys like ``reward_terms/fuel``
+            (``final_info`` is one still, with such keys).
         **configuration: Fields of the task's configuration.
     """
 
@@ -66,12 +76,17 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
+        flat_info: bool = False,
         **configuration: Any,
     ) -> None:
         check_whole("num_envs", num_envs, 1, MOST_WORLDS)
         self.task = make_task(self.task_type, configuration, self.fixed, _ARGUMENTS, type(self).__name__)
         self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
-        self.set_autoreset_mode(autoreset_mode)
+        self.flat_info = checked_flag("flat_info", flat_info)
+        self._seeds: tuple[int, ...] | None = None
+        self._set_mode(autoreset_mode)
+        #: Whether the mode is another than what wrappers around this environment may have seen.
+        self.mode_was_changed = False
         limit = max_episode_steps if max_episode_steps is not None else self.task.max_episode_steps
         self.worlds = Worlds(self.task, num_envs, max_episode_steps=limit, threads=threads)
         self.single_observation_space = observation_space(self.task)
@@ -93,7 +108,17 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         self._spec = stated(spec, self.task, self.worlds.max_episode_steps)
 
     def set_autoreset_mode(self, mode: AutoresetMode | str) -> None:
-        """Choose what happens at the end of an episode, before the first reset or between episodes."""
+        """Choose what happens at the end of an episode.
+
+        Wrappers read the mode when they are made, so choose it before wrapping. Episodes that run are cut
+        off: all worlds have to be reset before the next step.
+        """
+        before = self.autoreset_mode
+        self._set_mode(mode)
+        if self.autoreset_mode != before:
+            self.mode_was_changed, self.worlds.begun = True, False
+
+    def _set_mode(self, mode: AutoresetMode | str) -> None:
         try:
             self.autoreset_mode = AutoresetMode(mode)
         except ValueError:
@@ -108,21 +133,29 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
     ) -> tuple[Observations, dict[str, Any]]:
         """Begin episodes, in all worlds or in those of ``options["reset_mask"]``.
 
-        ``options["faults"]`` gives them faults of their own for this episode.
+        ``options["faults"]`` gives them faults of their own for this episode: the same in all, or, as a list
+        with an entry for each world of which one at least is itself a list (or None, or a distribution), each
+        its own. ``seed`` is a number, to which that of the world is added, or a list with one for each world.
+        After a reset ``np_random_seed`` repeats it.
         """
         mask = self._checked_mask(options)
         which = np.flatnonzero(mask)
-        super().reset(seed=seed if seed is None or isinstance(seed, (int, np.integer)) else None)
-        self._seed(which, seed)
+        seeds = self._seeds_of(which, seed)
+        self.worlds.seed(np.array(list(seeds), np.int64), list(seeds.values()))
         self.worlds.reset(which, options)
+        if isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim):
+            self._seeds = tuple(self.worlds.seed_of(world) for world in range(self.num_envs))
+        elif seed is not None:
+            super().reset(seed=checked_seed(seed))
+            self._seeds = None
         self._over[which] = False
         for camera in self._cameras:
             if mask[camera.world]:
                 camera.begin()
-        return self.worlds.observe()[:, 0], _with_masks(self._infos(None), np.ones(self.num_envs, np.bool_))
+        return self.worlds.observe()[:, 0], self._masked(self._infos(None), np.ones(self.num_envs, np.bool_))
 
     def _checked_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        if options is None or "reset_mask" not in options:
+        if options is None or "reset_mask" not in checked_options(options):
             return np.ones(self.num_envs, np.bool_)
         mask = options["reset_mask"]
         if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
@@ -131,30 +164,33 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             )
         if not mask.any():
             raise ValueError("reset_mask is False everywhere; at least one True would be right")
-        if not mask.all() and not self.worlds.seeded:
+        if not mask.all() and not self.worlds.begun:
             raise ValueError("reset_mask leaves worlds out that were never reset; reset all of them first")
         return mask
 
-    def _seed(self, which: NDArray[np.int64], seed: int | Sequence[int | None] | None) -> None:
-        if seed is None and not self.worlds.seeded:
-            seed = int(self.np_random.integers(2**62))
-        if seed is None:
-            return
-        if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
+    def _seeds_of(self, which: NDArray[np.int64], seed: Any) -> dict[int, int]:
+        """The seeds that a reset gives, by world: to those that begin, or to all where none has one yet."""
+        if isinstance(seed, np.ndarray) and seed.ndim:
+            seed = seed.tolist()
+        if seed is not None and (not isinstance(seed, Sequence) or isinstance(seed, str | bytes)):
             first = checked_seed(seed)
-            self.worlds.seed(which, [first + int(world) for world in which])
-            return
-        seeds = list(seed)
+            return {int(world): first + int(world) for world in which}
+        seeds = [None] * self.num_envs if seed is None else seed
         if len(seeds) != self.num_envs:
-            raise ValueError(
-                f"seed has {len(seeds)} entries; one for each of the {self.num_envs} worlds would be right"
-            )
-        given = np.array([world for world in which if seeds[world] is not None], np.int64)
-        if not self.worlds.seeded and given.size < self.num_envs:
-            everyone = np.arange(self.num_envs)
-            fresh = int(self.np_random.integers(2**62))
-            self.worlds.seed(everyone, [fresh + int(world) for world in everyone])
-        self.worlds.seed(given, [checked_seed(seeds[world]) for world in given])
+            raise ValueError(f"seed must have {self.num_envs} entries, one for each world, got {len(seeds)}")
+        given = {int(world): checked_seed(seeds[world]) for world in which if seeds[world] is not None}
+        if self.worlds.seeded:
+            return given
+        first = seed_in_use(self)
+        return {world: first + world for world in range(self.num_envs)} | given
+
+    @property
+    def np_random_seed(self) -> Any:
+        """What ``reset(seed=...)`` takes to repeat the episodes since the last seeded, or the first, reset.
+
+        A number, or where worlds were given seeds of their own, the seed of each.
+        """
+        return super().np_random_seed if self._seeds is None else self._seeds
 
     def step(
         self, actions: Any
@@ -170,19 +206,17 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         Rewards, their terms and costs are summed; all else is what was last. In the mode ``DISABLED`` a world
         whose episode ends early goes on past its end for the rest of the hold, unseen.
         """
-        if not self.worlds.seeded:
-            raise ValueError("the environment has not been reset; call reset() before step()")
-        chosen = np.asarray(actions, dtype=np.float64)
-        if self.single_action_space.shape == ():  # Discrete: one number for each world
-            chosen = chosen[:, np.newaxis]
-        chosen = chosen[:, np.newaxis]
+        self.worlds.require_reset("step")
+        switches = self.task.choices is not None
+        chosen = checked_actions(actions, self.action_space.shape or (), switches=switches)
+        chosen = chosen.reshape((self.num_envs, 1, -1))
         everyone = np.ones(self.num_envs, np.bool_)
         step, ends = self._hold(chosen, periods)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             return self._reset_after(step, ends, everyone)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._over = step.done
-        infos = _with_masks(_at_ends(self._infos(step), ends), everyone)
+        infos = self._masked(_at_ends(self._infos(step), ends), everyone)
         return step.observations[:, 0], step.rewards[:, 0], step.terminated, step.truncated, infos
 
     def _hold(self, chosen: NDArray[np.float64], periods: int) -> tuple[Step, list[_End]]:
@@ -219,14 +253,14 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             last = {
                 "final_obs": np.where(done[:, np.newaxis], observations, np.float32(0.0)),
                 "_final_obs": done.copy(),
-                "final_info": _with_masks(_only(_at_ends(self._infos(step), ends), done), done),
+                "final_info": self._masked(_only(_at_ends(self._infos(step), ends), done), done),
                 "_final_info": done.copy(),
             }
             self.worlds.reset(np.flatnonzero(done))
             observations = self.worlds.observe()[:, 0]
             step.reward_terms[done], step.cost[done] = 0.0, 0.0
         self._film(done, everyone)
-        infos = _with_masks(self._infos(step), everyone) | last
+        infos = self._masked(self._infos(step), everyone) | last
         return observations, step.rewards[:, 0], step.terminated, step.truncated, infos
 
     def _film(self, begins: NDArray[np.bool_], which: NDArray[np.bool_]) -> None:
@@ -237,8 +271,13 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """Arrays whose first axis is the world."""
         return _first_agent(self.worlds.info(step))
 
+    def _masked(self, info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+        """The same as users get it: flat if they asked for that, and beside every key its mask."""
+        return _with_masks(flattened(info) if self.flat_info else info, mask)
+
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of the worlds now, in the mode ``rgb_array``."""
+        self.worlds.require_reset("render")
         if self.render_mode == "rgb_array":
             return tuple(camera.frame() for camera in self._cameras)
         for camera in self._cameras:
@@ -256,7 +295,10 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         return self._over.copy()
 
     def save_state(self) -> dict[str, NDArray[Any]]:
-        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it."""
+        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it.
+
+        Before the first reset too: what is restored then waits for its first reset as well.
+        """
         return self.worlds.save() | {"over": self._over.copy()}
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:

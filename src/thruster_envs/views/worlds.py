@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,15 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import nearest
-from thruster_envs.faults import as_faults
+from thruster_envs.faults import FaultDistribution
 from thruster_envs.faults import encoding as code
+from thruster_envs.physics.fleet import FaultPlan
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
+from thruster_envs.views.inputs import NotReset, checked_options
 
 _LOW = 2**64 - 1
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
+#: The same of threads: there are no more of them than blocks of worlds, whatever is asked for.
+MOST_THREADS = 2**15
 #: Keys of a reset's options that mean something in some view, and how much like one of them a slip of the
 #: pen is; other keys are those of wrappers and checkers, and nobody's business here.
 _OPTIONS, _SLIP = ("faults", "reset_mask"), 0.8
@@ -68,6 +71,8 @@ class Worlds:
         self, task: Task, number: int, *, max_episode_steps: int | None = None, threads: int | None = None
     ) -> None:
         check_whole("number", number, 1, MOST_WORLDS)
+        if threads is not None:
+            check_whole("threads", threads, 1, MOST_THREADS)
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, 1, 2**62)
         self.task, self.number, self.max_episode_steps = task, number, max_episode_steps
@@ -79,7 +84,8 @@ class Worlds:
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
-        self.seeded = False
+        #: Whether seeds have been given, and whether episodes run that a step can go on with.
+        self.seeded, self.begun = False, False
         self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
@@ -94,23 +100,64 @@ class Worlds:
         Args:
             which: (k,), their numbers.
             options: ``{"faults": ...}`` gives these worlds other faults for this episode only, in any form
-                that :func:`thruster_envs.faults.as_faults` takes. Other keys are left alone, with a warning
-                where one looks like a slip of the pen.
+                that the task's configuration takes; or a list of such forms, one for each world of the batch,
+                where at least one of them is a list itself, None or a distribution. Other keys are left
+                alone, with a warning where one looks like a slip of the pen.
+
+        Raises:
+            ValueError: Faults that cannot be, or for another number of worlds.
         """
         seeds, self._seeds = self._seeds, []
-        _warn_of_slips(options or {})
-        plan = self.faults
-        if options is not None and "faults" in options:
-            plan = self.fleet.plan(as_faults(options["faults"]))
+        options = checked_options(options)
+        _warn_of_slips(options)
+        plans = self._plans(which, options)
         for world, seed in seeds:  # only now, so that options that are refused change nothing
             self.keys[world] = (seed & _LOW, (seed >> 64) & _LOW)
             self.episodes[world] = _LOW
-        self.seeded = True
         self.episodes[which] += np.uint64(1)
         self.steps[which] = 0
-        self.fleet.begin(which, self.keys, self.episodes, plan)
+        for worlds, plan in plans:
+            self.fleet.begin(worlds, self.keys, self.episodes, plan)
         self.task.reset(self.state, which)
         self._told = self._tell()
+        self.seeded = self.begun = True
+
+    def _plans(
+        self, which: NDArray[np.int64], options: Mapping[str, Any]
+    ) -> list[tuple[NDArray[np.int64], FaultPlan]]:
+        """What faults which worlds begin with."""
+        if "faults" not in options:
+            return [(which, self.faults)]
+        faults = options["faults"]
+        if not _one_for_each_world(faults):
+            return [(which, self.fleet.plan(self.task.faults_from(faults)))]
+        if len(faults) != self.number:
+            raise ValueError(
+                f"faults has {len(faults)} entries, of which at least one is the faults of a whole world; "
+                f"must have one for each of the {self.number} worlds"
+            )
+        plans = []
+        for world in which:
+            try:
+                plan = self.fleet.plan(self.task.faults_from(faults[world]))
+            except ValueError as error:
+                raise ValueError(f"world {world}: {error}") from None
+            plans.append((np.array([world], np.int64), plan))
+        return plans
+
+    def require_reset(self, call: str) -> None:
+        """Refuse a call that needs an episode.
+
+        Raises:
+            NotReset: None has begun.
+        """
+        if not self.begun:
+            raise NotReset(call)
+
+    def seed_of(self, world: int) -> int:
+        """The seed that a world was last given."""
+        low, high = self.keys[world].tolist()
+        return int(low | high << 64)
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
@@ -127,8 +174,10 @@ class Worlds:
                 this step: its first observation, reward 0, not over.
 
         Raises:
+            NotReset: No episode has begun.
             ValueError: Another shape, a number that is not finite, or an option that does not exist.
         """
+        self.require_reset("step")
         array = np.asarray(actions, dtype=np.float64)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
@@ -194,6 +243,7 @@ class Worlds:
             "fuel": truth.fuel,
             "score": truth.score,
             "success": truth.success,
+            "is_success": truth.success.copy(),
             **self.task.report(self.state),
         }
 
@@ -216,7 +266,7 @@ class Worlds:
         self.state.restore(dict(saved))
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
-        self.seeded = bool(saved["seeded"])
+        self.seeded = self.begun = bool(saved["seeded"])
         self._told = _Told(*(saved[f"told.{name}"].copy() for name in _Told._fields))
 
     def _tell(self) -> _Told:
@@ -254,16 +304,7 @@ def _warn_of_slips(options: Mapping[str, Any]) -> None:
             )
 
 
-def checked_seed(seed: Any) -> int:
-    """A seed as a Python integer.
-
-    Raises:
-        ValueError: Anything but a whole number from 0 to 2**128 - 1.
-    """
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        number = -1
-    if not 0 <= number < 2**128:
-        raise ValueError(f"seed is {seed!r}; a whole number from 0 up would be right")
-    return number
+def _one_for_each_world(faults: Any) -> bool:
+    """Whether faults are a list with those of each world, instead of the faults of every world."""
+    whole = (list, tuple, FaultDistribution, type(None))
+    return isinstance(faults, (list, tuple)) and any(isinstance(one, whole) for one in faults)

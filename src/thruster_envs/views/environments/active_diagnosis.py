@@ -94,6 +94,7 @@ class ActiveDiagnosisEnv(TaskEnv):
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.
     - `success`: whether what was declared last is right, without a false alarm on the way.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `diagnosis`: `detected`, `delay`, `false_alarms`, `isolated`, `identified`, `thruster` and `mode` as in
       `FaultDiagnosis-v0`; `tested`: test pulses fired since the reset, thruster-seconds.
 
@@ -112,6 +113,8 @@ class ActiveDiagnosisEnv(TaskEnv):
     - `fuel_cost`: what it costs to use up the budget; 0.1 by default.
     - `soft_rate_limit`: body rate from which on `cost` counts, rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

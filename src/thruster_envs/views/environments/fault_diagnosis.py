@@ -105,6 +105,7 @@ class FaultDiagnosisEnv(TaskEnv):
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.
     - `success`: whether what was declared last is right, without a false alarm on the way.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `diagnosis`: how it went. `detected`: whether the first fault has been noticed: a fault was declared
       that is not the false alarm which stood when it began. `delay`: from its onset to then, s; -1 if not
       yet. `false_alarms`: times that a fault, or another thruster's, was declared while none acted.
@@ -133,6 +134,8 @@ class FaultDiagnosisEnv(TaskEnv):
       a whole flight; 1, 2, 1.5 and 0.5 by default.
     - `range_limit`, `rate_limit`: bounds, m and rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

@@ -96,6 +96,7 @@ class FormationAttitudeEnv(TaskEnv):
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is
       lost.
     - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
       `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
       where it is not.
@@ -126,6 +127,8 @@ class FormationAttitudeEnv(TaskEnv):
     - `max_substep`: longest integration sub-step, s; None for 1 s. `nonlinear`: without effect, nothing
       moves.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

@@ -83,6 +83,7 @@ class FormationKeepingEnv(TaskEnv):
     - `fuel`: thruster-seconds of open valve of the own craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
 
     ## Arguments
 
@@ -103,6 +104,8 @@ class FormationKeepingEnv(TaskEnv):
     - `range_limit`, `rate_limit`: bounds, m and rad/s.
     - `fuel_price`: worth of all thrusters open for a whole period, in units of the largest tracking penalty.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

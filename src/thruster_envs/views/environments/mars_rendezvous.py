@@ -115,6 +115,7 @@ class MarsRendezvousEnv(TaskEnv):
       thrusters for the nominal time, in inverse proportion for more; 0.25 for a retreat; 0 if missed or lost;
       else 0.25 times the share of the distance gained.
     - `success`: whether the target is captured.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
       `delay`: from the last command to the opening of its pulse, s, for each thruster, as it truly is, told
       to open or not; 0 at the reset; `state` (13): true position (m) and velocity (m/s) in LVLH axes,
@@ -148,6 +149,8 @@ class MarsRendezvousEnv(TaskEnv):
       what counts as captured, m, m/s, m/s, rad, rad/s.
     - `rate_limit`: body rate at which the chaser is lost, rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     The scripted pilot, which captures where nothing fails, flies like this:
 

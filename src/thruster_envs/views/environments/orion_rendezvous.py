@@ -88,6 +88,7 @@ class OrionRendezvousEnv(TaskEnv):
     - `score`: in the terminal box 0.5, and up to 0.5 more for economy; outside it up to 0.5 for distance
       gained; 0 out of bounds.
     - `success`: whether the craft is in the terminal box: within 2 m, 0.02 m/s, 5 degrees, 0.5 degrees/s.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
 
     ## Arguments
 
@@ -109,6 +110,8 @@ class OrionRendezvousEnv(TaskEnv):
       counts.
     - `orbits`: time for the rendezvous, in orbits.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

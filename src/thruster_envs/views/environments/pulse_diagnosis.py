@@ -95,6 +95,7 @@ class PulseDiagnosisEnv(TaskEnv):
     - `score`: the mean credit of the faulty pulses (1 for the right fault, 0.5 for another one, 0 for
       healthy), times the share of the healthy pulses that were declared healthy; so far.
     - `success`: whether the score is at least 0.9.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `diagnosis`: how it went. `detected`: whether a faulty pulse was declared faulty. `delay`: from the
       first faulty pulse to then, s; -1 if not yet. `false_alarms`: healthy pulses that were declared faulty.
       `case`: what would be right to declare now. `thrust`: of the last pulse, over the nominal one.
@@ -122,6 +123,8 @@ class PulseDiagnosisEnv(TaskEnv):
     - `right_worth`, `delay_cost`, `false_alarm_cost`, `wrong_name_cost`: what each is worth or costs if it
       lasts for a whole episode; 1, 1, 2 and 0.5 by default.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs

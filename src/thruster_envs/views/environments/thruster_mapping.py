@@ -90,6 +90,7 @@ class ThrusterMappingEnv(TaskEnv):
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: one minus the objective over that of doing nothing, summed over the episode so far, in 0..1.
     - `success`: whether the score is at least 0.9.
+    - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
 
     ## Arguments
 
@@ -104,6 +105,8 @@ class ThrusterMappingEnv(TaskEnv):
     - `fault_slots`: faults that the vehicle can have in an episode.
     - `nonlinear`, `max_substep`: as in the other environments; without effect here, where nothing moves.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
+      NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs
