@@ -32,8 +32,11 @@ def actions(space: Any, kind: str) -> Any:
 @pytest.mark.parametrize("identifier", ENVIRONMENTS)
 def test_a_world_that_is_never_reset_stays_finite(identifier, kind):
     env: Any = gym.make_vec(
-        identifier, num_envs=1, vector_kwargs={"autoreset_mode": AutoresetMode.DISABLED}
-    ).unwrapped
+        identifier,
+        num_envs=1,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.DISABLED,
+    )
     env.action_space.seed(3)
     env.reset(seed=2)
     for step in range(STEPS):
