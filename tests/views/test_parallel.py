@@ -180,5 +180,5 @@ def test_a_missing_or_misshapen_action_is_named():
         env.step(actions)
     with pytest.raises(ValueError, match="craft is 9; a whole number from 2 to 8"):
         formation_keeping_v0.parallel_env(craft=9)
-    with pytest.raises(ValueError, match="max_cycles"):
+    with pytest.raises(TypeError, match="max_cycles"):
         formation_keeping_v0.parallel_env(max_cycle=3)
