@@ -94,7 +94,7 @@ def test_a_vehicle_is_finite_in_a_formation_or_refused_in_one_line(module, name)
             break
 
 
-@pytest.mark.filterwarnings("ignore::thruster_baselines.mapping.LostDirectionsWarning")
+@pytest.mark.filterwarnings("ignore::thruster_baselines.mapping.model.LostDirectionsWarning")
 @pytest.mark.parametrize("mapper_type", [LPMapper, PseudoInverseMapper, NonNegativeLeastSquaresMapper])
 @pytest.mark.parametrize("name", [one for one in VEHICLES if not one.startswith("spheres")])
 def test_mappers_between_policy_and_any_vehicle_give_finite_steps(name, mapper_type):
