@@ -14,7 +14,7 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 FLOOR := .venv-floor
 INSTALLED_FLOOR := $(FLOOR)/.installed
 FLOOR_VERSIONS := "gymnasium==1.1.*" "pettingzoo==1.26.*"
-FLOOR_TESTS := $(addprefix tests/views/test_,batches.py clients.py parallel.py)
+FLOOR_TESTS := $(addprefix tests/views/test_,clients.py parallel.py)
 SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
