@@ -14,7 +14,7 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 FLOOR := .venv-floor
 INSTALLED_FLOOR := $(FLOOR)/.installed
 FLOOR_VERSIONS := "gymnasium==1.1.*" "pettingzoo==1.26.*"
-FLOOR_TESTS := $(addprefix tests/views/test_,batches.py clients.py parallel.py)
+FLOOR_TESTS := $(addprefix tests/views/test_,clients.py parallel.py)
 SOURCES := $(wildcard src baselines agents tests benchmarks reproductions docs train.py)
 
 .DEFAULT_GOAL := help
@@ -36,7 +36,7 @@ unit: $(INSTALLED) ## the test suite alone; options in ARGS="..."
 floors: $(INSTALLED_FLOOR) ## tests of the views with the oldest Gymnasium and PettingZoo; options in ARGS="..."
 	$(FLOOR)/bin/python -m pytest -n $(JOBS) $(ARGS) $(FLOOR_TESTS)
 
-nightly: $(INSTALLED) ## the slow tests that `make test` leaves out; options in ARGS="..."
+nightly: $(INSTALLED_BENCH) ## the slow tests that `make test` leaves out; options in ARGS="..."
 	$(BIN)/python -m pytest -n $(JOBS) -m nightly $(ARGS)
 
 lint: $(INSTALLED) ## ruff: lint and format

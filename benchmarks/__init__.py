@@ -10,6 +10,17 @@ Compilation and construction are not measured. Sections: :mod:`.environments`, :
 :mod:`.learning`, :mod:`.mapping`, :mod:`.detection`, :mod:`.navigation`, :mod:`.formation`.
 """
 
+import os
+import signal
+import sys
+
+if sys.argv[:1] == ["-m"] and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # `python -m benchmarks`: until `run_command`, while the libraries load, Ctrl-C ends it with one line.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, b"\npython -m benchmarks: interrupted\n"), os._exit(130))
+    )
+
+
 from thruster_envs.extras import require
 
 require("bench", "benchmarks")

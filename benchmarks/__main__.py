@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-
-PROGRAM = "python -m benchmarks"
-if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
-    signal.signal(
-        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
-    )
-
 import argparse
 import dataclasses
 import importlib
@@ -24,6 +14,7 @@ from benchmarks.report import Section, report, section_as_text
 from benchmarks.timing import QUICK, Effort, share_of_core
 from thruster_agents.commands import check_file, check_folder, run_command
 
+PROGRAM = "python -m benchmarks"
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
 SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"

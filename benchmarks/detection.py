@@ -38,6 +38,7 @@ from thruster_baselines.detection import (
     healthy_firings,
 )
 from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
+from thruster_baselines.detection.glr import SOURCE_THRESHOLD
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.mapping.simplex import PARALLEL_FROM
 from thruster_envs.spacecraft import load
@@ -158,7 +159,7 @@ def orion_firings(count: int, seed: int = 0) -> Firings:
 
 def glr(form: str, vehicles: int = 1) -> GLRDetector:
     """Filter and likelihood ratio, with the noise that leads to that form."""
-    return GLRDetector(ORION, vehicles=vehicles, **FORMS[form].arguments)
+    return GLRDetector(ORION, SOURCE_THRESHOLD, vehicles=vehicles, **FORMS[form].arguments)
 
 
 def _physical(count: int) -> dict[str, Any]:

@@ -5,6 +5,17 @@ One subpackage for each source, one module for each of its tables, figures or wo
 `docs/results/reproductions.json` and, from that alone, to `docs/results/reproductions.md`.
 """
 
+import os
+import signal
+import sys
+
+if sys.argv[:1] == ["-m"] and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # `python -m reproductions`: until `run_command`, while the libraries load, Ctrl-C ends it with one line.
+    signal.signal(
+        signal.SIGINT, lambda *_: (os.write(2, b"\npython -m reproductions: interrupted\n"), os._exit(130))
+    )
+
+
 from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
 from thruster_envs.extras import require
 

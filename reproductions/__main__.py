@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-
-PROGRAM = "python -m reproductions"
-if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    # Until `run_command`, while the libraries load, Ctrl-C ends the program with one line and no exception.
-    signal.signal(
-        signal.SIGINT, lambda *_: (os.write(2, f"\n{PROGRAM}: interrupted\n".encode()), os._exit(130))
-    )
-
 import argparse
 import sys
 import tempfile
@@ -24,6 +14,7 @@ from reproductions.running import is_current, run
 from thruster_agents.commands import run_command
 from thruster_envs.text_files import printable
 
+PROGRAM = "python -m reproductions"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 

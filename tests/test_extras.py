@@ -62,6 +62,7 @@ MEETINGS = [
     ),
     *(("agents", package, "import thruster_agents") for package in EXTRAS["agents"]),
     ("agents", "safetensors", "import thruster_agents.dynamic_neurons"),
+    ("agents", "torch", "import runpy; runpy.run_path('train.py', run_name='__main__')"),
     ("agents", "matplotlib", "import reproductions"),
     ("baselines", "highspy", "import reproductions.__main__"),
     ("bench", "torch", "import benchmarks"),

@@ -33,7 +33,7 @@ def run_command(program: str, body: Callable[[], int]) -> int:
         program: Its name, at the head of lines.
         body: Returns the status. An OSError of it means that the system refuses something (1), Ctrl-C 130.
     """
-    if getattr(signal.getsignal(signal.SIGINT), "__module__", None) == "__main__":
+    if getattr(signal.getsignal(signal.SIGINT), "__name__", None) == "<lambda>":
         signal.signal(signal.SIGINT, signal.default_int_handler)  # the program's own was for its loading
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

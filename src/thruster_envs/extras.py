@@ -48,9 +48,10 @@ def extra(name: str, what: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name not in EXTRAS[name]:
-            raise  # a part of it, say, which only another version has
-        raise _missing(error.name, name, what) from None
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS[name]:
+            raise
+        raise _missing(package, name, what) from None
 
 
 def require(name: str, what: str) -> None:

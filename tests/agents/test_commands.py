@@ -23,33 +23,36 @@ COMMANDS = {
 }
 
 
-def _interrupted(arguments, moment):
+def _interrupted(folder, arguments, moment):
     """Standard error and status of a command that gets Ctrl-C when it imports `moment`."""
-    hook = (
-        "import os, signal, sys, importlib.abc\n"
-        "class Finder(importlib.abc.MetaPathFinder):\n"
+    (folder / "sitecustomize.py").write_text(
+        "import os, signal, sys\n"
+        "class Finder:\n"
         "    def find_spec(self, name, path, target=None):\n"
         f"        if name == {moment!r}: os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Finder())\n"
     )
-    module = arguments[0] == "-m"
-    call = f"module({arguments[1]!r}, alter_sys=True" if module else f"path({arguments[0]!r}"
-    run = f"import runpy\nsys.argv = {arguments[module:]!r}\nrunpy.run_{call}, run_name='__main__')"
     return subprocess.run(
-        [sys.executable, "-c", hook + run], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
 
 
 @pytest.mark.parametrize("program", COMMANDS)
-def test_ctrl_c_while_libraries_load_is_one_line(program):
-    ended = _interrupted(COMMANDS[program], "numpy")
+def test_ctrl_c_while_libraries_load_is_one_line(program, tmp_path):
+    ended = _interrupted(tmp_path, COMMANDS[program], "numpy")
     assert (ended.returncode, ended.stdout) == (130, "")
     assert ended.stderr == f"\n{program}: interrupted\n"
 
 
 @pytest.mark.parametrize("moment", ["torch", "thruster_agents.run_folders"])
-def test_ctrl_c_late_in_the_loading_is_one_line(moment):
-    ended = _interrupted(COMMANDS["train.py"], moment)
+def test_ctrl_c_late_in_the_loading_is_one_line(moment, tmp_path):
+    ended = _interrupted(tmp_path, COMMANDS["train.py"], moment)
     assert (ended.returncode, ended.stderr) == (130, "\ntrain.py: interrupted\n")
 
 

@@ -104,7 +104,7 @@ def test_the_vehicle_in_the_folder_is_that_of_the_weights(copy, capsys):
         ({"test_worlds": 1e9}, "test_worlds must be a whole number from 1 to 500000, got 1000000000"),
         ({"learning_rate": float("inf")}, "is not JSON (Infinity is not a number of JSON)"),
         ({"trace": float("nan")}, "is not JSON (NaN is not a number of JSON)"),
-        ({"worlds": 10**50}, "worlds must be a whole number from 1 to 100000, got 1000000000000000000000"),
+        ({"worlds": 10**50}, "worlds must be a whole number of 64 bits, got 1000000000000000000000"),
         ({"worlds": "8"}, "worlds is '8'; a whole number would be right"),
         ({"worlds": True}, "worlds is True; a whole number would be right"),
         ({"worlds": [8]}, "worlds is [8]; a whole number would be right"),
@@ -126,7 +126,7 @@ def test_a_configuration_is_checked_as_options_are(copy, changes, line, capsys):
     [
         (b"", "is not JSON"),
         (b"[]", "must hold a JSON object, got list"),
-        (b"\xff\xfe{\x00}\x00", "is not JSON"),
+        (b"\xff\xfe{\x00}\x00", "must be UTF-8 text, got UTF-16"),
         (b'{"worlds": 8, "worlds": 9}', "the key 'worlds' stands twice"),
         (b'{"worlds": ' + b"[" * 100_000 + b"]" * 100_000 + b"}", "is nested more than 32 deep"),
         (b'{"worlds": ' + b"[" * 40 + b"]" * 40 + b"}", "is nested more than 32 deep"),

@@ -130,6 +130,9 @@ FAMILIES: dict[str, Callable[[np.random.Generator, int], Problems]] = {
     )
 }  # fmt: skip
 
+SHARE = {"near_ties": 1e-8}
+"""What is reached only by the difference of near-twins may be missed: no pivot is smaller than that."""
+
 every_family = pytest.mark.parametrize("family", FAMILIES)
 sizes = pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.nightly)])
 
@@ -140,8 +143,11 @@ def problems(family: str, count: int) -> list[Problems]:
     return [FAMILIES[family](rng, 10) for _ in range(count // 10)]
 
 
-def check(answer, problem: Problems, highs_optimum) -> None:
-    """Whole numbers, within the bounds, what is said to be missed is missed, and no cheaper answer exists."""
+def check(answer, problem: Problems, highs_optimum, share: float = 1e-10) -> None:
+    """Whole numbers, within the bounds, what is said to be missed is missed, and no cheaper answer exists.
+
+    `share` of the largest entry of the command may be missed where it could be reached.
+    """
     on_times, slack, cost, *_ = answer
     command, effectiveness, longest, fuel, slack_cost = problem
     assert np.isfinite(on_times).all()
@@ -155,7 +161,7 @@ def check(answer, problem: Problems, highs_optimum) -> None:
         highs_optimum(*one, fuel, slack_cost) for one in zip(command, effectiveness, longest, strict=True)
     ]
     # HiGHS may miss the largest entry of the command by its tolerance, and pays nothing for that
-    tolerance = 1e-10 * np.abs(slack_cost * command).max(axis=1)
+    tolerance = share * np.abs(slack_cost * command).max(axis=1)
     assert (np.abs(cost - best) <= 1e-9 * np.abs(best) + tolerance).all()
 
 
@@ -166,7 +172,7 @@ def test_the_optimum_is_that_of_highs(highs_optimum, family, count):
         command, effectiveness, longest, fuel, slack_cost = problem
         answer = solve_batch(command, effectiveness, longest, fuel[np.newaxis], slack_cost)
         assert (answer[3][:, 0] == OPTIMAL).all()
-        check(answer, problem, highs_optimum)
+        check(answer, problem, highs_optimum, SHARE.get(family, 1e-10))
 
 
 @pytest.mark.filterwarnings("ignore::thruster_baselines.mapping.model.LostDirectionsWarning")  # they are lost
@@ -182,4 +188,5 @@ def test_a_sequence_that_starts_from_the_last_basis_finds_it_too(highs_optimum, 
             np.stack([getattr(one, name) for one in followed]) for name in ("on_times", "slack", "cost")
         ]
         commands, vehicle = np.concatenate([command, command[:1]]), [1] * len(followed)
-        check(answer, (commands, effectiveness[vehicle], longest[vehicle], fuel, slack_cost), highs_optimum)
+        case = commands, effectiveness[vehicle], longest[vehicle], fuel, slack_cost
+        check(answer, case, highs_optimum, SHARE.get(family, 1e-10))

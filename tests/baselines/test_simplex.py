@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 from thruster_baselines.mapping import LPMapper
-from thruster_baselines.mapping.simplex import OPTIMAL, PARALLEL_FROM, solve_batch
+from thruster_baselines.mapping.simplex import OPTIMAL, PARALLEL_FROM, ROUND_OFF, solve_batch
 from thruster_envs.spacecraft import load
 
 AXES, THRUSTERS = 6, 12
@@ -45,7 +45,11 @@ def random_problems(seed: int, count: int) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_objective_is_that_of_highs(highs_optimum, seed):
-    """100,000 problems in all: no bound broken, no NaN, no hang, no objective worse than that of HiGHS."""
+    """100,000 problems in all: no bound broken, no NaN, no hang, no objective worse than that of HiGHS.
+
+    A command is met to within round-off of it, whose price as a miss comes on top where problems are such
+    that a whole command costs a million times the optimum.
+    """
     command, effectiveness, max_on_time, fuel_cost, slack_cost = random_problems(seed, 5000)
     on_times, slack, cost, report = solve_batch(command, effectiveness, max_on_time, fuel_cost, slack_cost)
     assert (report[:, 0] == OPTIMAL).all()
@@ -54,7 +58,8 @@ def test_objective_is_that_of_highs(highs_optimum, seed):
         highs_optimum(*problem, fuel_cost[0], slack_cost)
         for problem in zip(command, effectiveness, max_on_time, strict=True)
     ]
-    np.testing.assert_allclose(cost, expected, rtol=1e-9, atol=1e-14)
+    round_off = 10.0 * ROUND_OFF * np.max(np.abs(command) * slack_cost, axis=-1)
+    assert (np.abs(cost - expected) <= 1e-9 * np.abs(expected) + 1e-14 + round_off).all()
     # and the cost is that of on-times that can be flown
     assert (on_times >= 0.0).all()
     assert (on_times <= max_on_time).all()

@@ -1,6 +1,8 @@
 """A process that is forked, or started anew, flies what its parent flies, to the last bit, and returns."""
 
+import json
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -11,14 +13,17 @@ import pytest
 from thruster_envs import threads
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 400.0  # s, for what takes some ten of them on an idle machine: more means that it hangs
+PATIENCE = (
+    900.0  # s, for what takes a tenth of that where everything is compiled anew: more means that it hangs
+)
 
 
-def run(*arguments):
+def run(*arguments, **environment):
     """The lines that a Python process prints; one that hangs is ended, with its children, and fails."""
     process = subprocess.Popen(
         [sys.executable, "-W", "error", *arguments],
         cwd=ROOT,
+        env=os.environ | environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -145,3 +150,16 @@ def test_what_fails_in_a_share_is_raised_and_no_thread_works_on():
 
     with pytest.raises(ValueError, match="share 0"):
         threads.run_shared(work, [(0, 1), (1, 2), (2, 3)])
+
+
+def digests(**environment):
+    """Of everything that is flown, in a process with these environment variables."""
+    code = "import json\nfrom tests.processes.flights import fly_all\nprint(json.dumps(fly_all()))\n"
+    (line,) = run("-c", code, **environment)
+    return json.loads(line)
+
+
+@pytest.mark.nightly  # compiles everything once more
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="this is not an x86-64 processor")
+def test_code_for_any_x86_64_processor_flies_what_code_for_this_one_flies():
+    assert digests(NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == digests()

@@ -267,3 +267,16 @@ def test_the_package_registers_nothing_that_cannot_be_printed(capsys):
     gym.pprint_registry()
     assert "OrionRendezvous-v0" in capsys.readouterr().out
     assert thruster_envs.__version__
+
+
+def test_a_specification_with_a_users_pilot_holds_in_memory_and_names_it_in_json():
+    def pilot(sight):
+        return np.zeros((len(sight.position), 12))
+
+    identifier = "thruster_envs/FaultDiagnosis-v0"
+    env = gym.make(identifier, pilot=pilot)
+    again = gym.make(env.spec)
+    assert again.unwrapped.task.pilot is pilot
+    np.testing.assert_array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
+    with pytest.raises(Exception, match="pilot is 'builtins:function'; None or a callable"):
+        gym.make(EnvSpec.from_json(env.spec.to_json()))

@@ -267,7 +267,6 @@ def before_reset():
         "vector step": lambda: batch().step([twelve] * 2),
         "vector step_held": lambda: batch().step_held([twelve] * 2, 3),
         "vector render": lambda: batch(render_mode="rgb_array").render(),
-        "vector save_state": lambda: batch().save_state(),
         "parallel step": lambda: FormationParallelEnv().step(dict.fromkeys(["craft_1"], twelve)),
         "parallel state": lambda: FormationParallelEnv().state(),
         "parallel render": lambda: FormationParallelEnv(render_mode="rgb_array").render(),
@@ -277,9 +276,7 @@ def before_reset():
         "shared step": lambda: SharedPolicyVecEnv(2).step(np.zeros((6, 12))),
         "shared latest_info": lambda: SharedPolicyVecEnv(2).latest_info(),
         "mapper": lambda: VectorMapperAction(batch(), mapper).step(np.zeros((2, 6))),
-        "mapper save_state": lambda: VectorMapperAction(batch(), mapper).save_state(),
         "hold": lambda: VectorHoldAction(batch(), 3).step(np.zeros((2, 12))),
-        "hold save_state": lambda: VectorHoldAction(batch(), 3).save_state(),
         "single hold": lambda: HoldAction(make(), 3).step(twelve),
         "single mapper": lambda: MapperAction(make(), mapper).step(np.zeros(6)),
         "belief": lambda: VectorBeliefAction(gym.make_vec(MAPPING, num_envs=2), mapper).step(
@@ -300,6 +297,11 @@ def test_a_call_before_the_first_reset_says_so(name):
 def test_what_needs_no_episode_works_before_the_first_reset():
     batch = gym.make_vec(FORMATION, num_envs=2)
     assert not batch.pending_resets.any()
+    other = gym.make_vec(FORMATION, num_envs=2)
+    other.reset(seed=0)
+    other.restore_state(batch.save_state())
+    with pytest.raises(gym.error.ResetNeeded):
+        other.step(np.zeros((2, 12)))
     for env in (gym.make(FORMATION), batch, FormationParallelEnv(), SB3VecEnv(batch), SharedPolicyVecEnv(2)):
         env.close()
 

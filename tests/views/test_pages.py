@@ -38,17 +38,18 @@ def check_page(page, task, observation_space, action_space):
         assert (observation_space.low[first : last + 1] == np.float32(low)).all()
         assert (observation_space.high[first : last + 1] == np.float32(high)).all()
     assert observation_space.shape == (start,)
-    box = isinstance(action_space, gym.spaces.Box)
-    lows, highs = (
-        (action_space.low, action_space.high) if box else (0.0 * action_space.nvec, action_space.nvec - 1)
-    )
+    if isinstance(action_space, gym.spaces.Box):
+        lows, highs = action_space.low, action_space.high
+    else:
+        options = np.atleast_1d(getattr(action_space, "nvec", getattr(action_space, "n", None)))
+        lows, highs = 0.0 * options, options - 1
     start = 0
     for first, last, _, low, high, _ in ROW.findall(parts["Action Space"]):
         assert int(first) == start
         start = int(last or first) + 1
         assert (lows[int(first) : start] == float(low)).all()
         assert (highs[int(first) : start] == float(high)).all()
-    assert action_space.shape == (start,)
+    assert lows.shape == (start,)
     for term in task.reward_terms:
         assert f"- `{term}`:" in parts["Rewards"]
 

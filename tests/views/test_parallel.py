@@ -73,6 +73,7 @@ def test_every_form_of_the_turning_formation_passes_our_own_checks(options):
     assert not report.failures
 
 
+@pytest.mark.skipif(not hasattr(pettingzoo, "make"), reason="PettingZoo has tables from 1.27 on")
 def test_they_stand_in_both_tables_of_pettingzoo():
     env = pettingzoo.make("parallel", "thruster_envs/formation_keeping_v0", craft=2)
     assert isinstance(env.unwrapped, FormationParallelEnv)
@@ -180,5 +181,5 @@ def test_a_missing_or_misshapen_action_is_named():
         env.step(actions)
     with pytest.raises(ValueError, match="craft is 9; a whole number from 2 to 8"):
         formation_keeping_v0.parallel_env(craft=9)
-    with pytest.raises(ValueError, match="max_cycles"):
+    with pytest.raises(TypeError, match="max_cycles"):
         formation_keeping_v0.parallel_env(max_cycle=3)

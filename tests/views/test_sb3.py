@@ -80,6 +80,7 @@ def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifi
 
     options = has_options(model.action_space)
     actions = buffer.actions if options else np.clip(buffer.actions, -1.0, 1.0)
+    actions = actions.reshape((*actions.shape[:2], *model.action_space.shape))
     rewards = bootstrapped(model, actions, step, STEPS)
     assert endings["truncated"] >= 4
     np.testing.assert_allclose(buffer.rewards, rewards, rtol=1e-6, atol=1e-6)  # both float32

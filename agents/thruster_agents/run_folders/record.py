@@ -36,7 +36,7 @@ def task_record(spacecraft: Spacecraft) -> dict[str, Any]:
         {
             "id": TASK,
             "settings": settings,
-            "faults": to_mapping(task.fault_source(task.faults)),
+            "faults": to_mapping(task.fault_source()),
             "seeds": {name: (one.start, one.stop) for name, one in seeds.items()},
         }
     )

@@ -150,7 +150,8 @@ class ApproachController:
         """
         vector = -0.5 * _ANGLE * rows[:, 9:12]
         scalar = np.sqrt(np.maximum(0.0, 1.0 - (vector**2).sum(axis=1, keepdims=True)))
-        q: FloatArray = np.hstack([scalar, vector]) @ _FROM_LVLH
+        # Added term by term: a product of matrices would round a row by how many rows there are.
+        q: FloatArray = (np.hstack([scalar, vector])[:, :, np.newaxis] * _FROM_LVLH).sum(axis=1)
         w, x, y, z = q.T
         normal = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
         return q, _RATE * rows[:, 12:15] + self.spacecraft.mean_motion * normal

@@ -48,7 +48,8 @@ class DetectorPlayer:
     Args:
         environment: That is played, for what stands where in its observation.
         make: Builds a detector for so many vehicles, threshold included; by default cumulative sums
-            (`CUSUMDetector`) that alarm in one of 10,000 healthy periods or fewer.
+            (`CUSUMDetector`) that alarm in one of 10,000 healthy periods or fewer, where a body does not turn
+            far in a period: at 30 s Orion turns too far for the model, and one in 30 is an alarm.
         comparison: Of the models of a fault; by default four sizes of a loss, five openings, two tilts to
             eight sides.
         worlds: How many are played; by default as many as the vector environment has, and one of a single
@@ -246,8 +247,8 @@ def _sums(spacecraft: Spacecraft, worlds: int) -> BaseDetector:
     sensors = spacecraft.sensors
     if not (sensors.velocity > 0.0 and sensors.rate > 0.0):
         raise ValueError(
-            f"make must be given for {spacecraft.name}, got None: its sensors have no errors, so that all that "
-            "is left out of the model would be an alarm"
+            f"make must be given for {spacecraft.name}, got None: its sensors have no errors, so that "
+            "all that is left out of the model would be an alarm"
         )
     threshold = _THRESHOLD
     if spacecraft != load("orion"):  # a sum begins anew from zero, and reaches h with a chance of exp(-h)

@@ -22,9 +22,10 @@ source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n 
   zero for the others (Schmidt 1966).
 
 Covariances are symmetric to the bit, since one triangle is computed and mirrored. They agree with exact
-arithmetic to 1e-9 over 1,000 updates as long as the first covariance is below 1e9 times the measurement noise
-(per second of firing squared). Everything is batched over vehicles; many of them are shared among threads,
-which changes no number.
+arithmetic to a millionth of a deviation over 1,000 updates as long as the first covariance is below 1e7 times
+the measurement noise (per s^2 of firing); beyond 1e13 times, without process noise, nothing is left of them.
+
+Everything is batched over vehicles; many of them are shared among threads, which changes no number.
 
 Left out: sensor biases, mass properties, and the coupling loss, which belongs into the on-times
 (`thruster_baselines.mapping.delivered_on_times`); the drift of the free motion has to be taken out of the

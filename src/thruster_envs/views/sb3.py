@@ -515,6 +515,10 @@ class SharedPolicyVecEnv(_BatchVecEnv):
     def _rows(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         return observations.reshape(self.num_envs, -1)
 
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """No pictures: the formations of this view are not drawn."""
+        return [None] * self.num_envs
+
     def close(self) -> None:
         """Nothing to close."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
@@ -72,11 +71,7 @@ class Camera:
             self._turn.append((time, *turn_of(self.worlds.state, self.world, first)))
 
     def frame(self) -> NDArray[np.uint8]:
-        """(height, width, 3) picture of the world now.
-
-        Raises:
-            ResetNeeded: No episode has begun.
-        """
+        """(height, width, 3) picture of the world now."""
         return self._draws().frame(self.scene())
 
     def show(self) -> None:
@@ -90,8 +85,6 @@ class Camera:
             self._renderer = None
 
     def _draws(self) -> Renderer:
-        if not self._path:
-            raise ResetNeeded("the environment has not been reset; call reset() before render()")
         if self._renderer is None:
             self._renderer = Renderer()
         return self._renderer

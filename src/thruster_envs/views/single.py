@@ -12,6 +12,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from thruster_envs.configuration import from_mapping, suggestion
+from thruster_envs.construction import Unrecorded
 from thruster_envs.tasks import Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
@@ -186,7 +187,10 @@ def make_task(
             raise TypeError(
                 f"{view}.__init__() got an unexpected keyword argument {key!r}; {suggestion(key, known)}"
             )
-    return from_mapping(task_type, configuration | fixed, task_type.__name__)
+    given = {
+        name: value.thing if isinstance(value, Unrecorded) else value for name, value in configuration.items()
+    }
+    return from_mapping(task_type, given | fixed, task_type.__name__)
 
 
 def checked_render_mode(mode: str | None) -> str | None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
 from thruster_envs.configuration import as_plain
+from thruster_envs.construction import Unrecorded
 from thruster_envs.spacecraft import catalogue
 from thruster_envs.tasks import Task
 
@@ -26,13 +28,19 @@ def stated(spec: EnvSpec | None, task: Task, limit: int | None = None) -> EnvSpe
         return None
     kwargs, bound = dict(spec.kwargs), _bound(spec, task, limit)
     if task.steps is not None and bound == task.steps + 1 and kwargs.get("max_episode_steps") == bound:
-        del kwargs[
-            "max_episode_steps"
-        ]  # made from such a specification, where it was a bound and no argument
+        del kwargs["max_episode_steps"]  # made from such a specification: a bound there, and no argument
     source = kwargs.get("spacecraft", "")
     if not (isinstance(source, str) and (not source or source in catalogue())):
         kwargs["spacecraft"] = task.vehicle
-    return replace(spec, kwargs=as_plain(kwargs), max_episode_steps=bound)
+    plain = {name: _plain(value) for name, value in kwargs.items()}
+    return replace(spec, kwargs=plain, max_episode_steps=bound)
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return as_plain(value)
+    except TypeError:  # a user's pilot, say: JSON has its name only
+        return Unrecorded.of(value)
 
 
 def _bound(spec: EnvSpec, task: Task, limit: int | None) -> int | None:

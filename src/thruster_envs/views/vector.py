@@ -143,7 +143,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         seeds = self._seeds_of(which, seed)
         self.worlds.seed(np.array(list(seeds), np.int64), list(seeds.values()))
         self.worlds.reset(which, options)
-        if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed):
+        if isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim):
             self._seeds = tuple(self.worlds.seed_of(world) for world in range(self.num_envs))
         elif seed is not None:
             super().reset(seed=checked_seed(seed))
@@ -295,8 +295,10 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         return self._over.copy()
 
     def save_state(self) -> dict[str, NDArray[Any]]:
-        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it."""
-        self.worlds.require_reset("save_state")
+        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it.
+
+        Before the first reset too: what is restored then waits for its first reset as well.
+        """
         return self.worlds.save() | {"over": self._over.copy()}
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
