@@ -28,7 +28,7 @@ def actions(space: Any, kind: str) -> Any:
     return last if kind == "one" else space.nvec - 1
 
 
-@pytest.mark.parametrize("kind", ["random", "all", "one"])
+@pytest.mark.parametrize("kind", ["random", "one", pytest.param("all", marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("identifier", ENVIRONMENTS)
 def test_a_world_that_is_never_reset_stays_finite(identifier, kind):
     env: Any = gym.make_vec(
