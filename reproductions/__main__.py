@@ -73,7 +73,7 @@ def show_list(folder: Path) -> None:
         entry = recorded.get(one.id)
         state = "not run yet" if entry is None else entry["verdict"]
         if entry is not None and not is_current(one, FULL, entry):
-            state += " (by other settings or an older module)"
+            state += " (by other settings or older code)"
         print(f"{one.id:6} {one.source:12} {one.title}: {state}")
 
 

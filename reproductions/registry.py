@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import hashlib
 import importlib
-import inspect
 import json
 import pkgutil
 import re
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
+from importlib.resources import files
 
 import reproductions
 from reproductions.record import Effort, Reproduction
+from thruster_envs.kernels import sources_of
 
 __all__ = ["chosen", "find_all", "fingerprint", "order"]
 
@@ -71,11 +73,49 @@ def chosen(names: list[str], known: dict[str, Reproduction]) -> list[Reproductio
 
 
 def fingerprint(reproduction: Reproduction, effort: Effort) -> str:
-    """Of the effort, of what is said of the source, and of the text of the module; not of what it imports."""
+    """Of the effort, of what is said of the source, and of all code of ours and all vehicles that it may use.
+
+    Comments, docstrings and the layout of the code do not count.
+    """
     said = {key: value for key, value in vars(reproduction).items() if key != "run"}
     run = reproduction.run
     while isinstance(run, partial):
         run = run.func
-    text = inspect.getsource(sys.modules[run.__module__])
-    settings = json.dumps([asdict(effort), said, text], sort_keys=True)
+    settings = json.dumps([asdict(effort), said, _code_under(run.__module__)], sort_keys=True)
     return hashlib.sha256(settings.encode()).hexdigest()[:16]
+
+
+@cache
+def _code_under(module: str) -> str:
+    """A hash of the code of a module and of all that it imports, directly, or by the name of an environment.
+
+    The catalogue of spacecraft counts as code.
+    """
+    sources = sources_of(module, sys.modules[module].__file__)
+    if "thruster_envs.registration" in sources:  # whose table names the views as texts
+        sources |= sources_of("thruster_envs.views.environments")
+    digest = hashlib.sha256()
+    for name, source in sorted(sources.items()):
+        digest.update(name.encode() + _code_of(source))
+    for path in sorted((files("thruster_envs.spacecraft") / "catalogue").iterdir(), key=str):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _code_of(source: bytes) -> bytes:
+    """A hash of what a source says to the computer."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):  # a text that stands alone is a docstring or a comment
+            node.body = [one for one in body if not _is_text(one)]  # type: ignore[attr-defined]  # as of nodes with bodies
+    return hashlib.sha256(ast.dump(tree).encode()).digest()
+
+
+def _is_text(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )

@@ -17,7 +17,7 @@ __all__ = ["is_current", "run"]
 
 
 def is_current(reproduction: Reproduction, effort: Effort, entry: Entry) -> bool:
-    """Whether an entry is of these settings and of the module as it is."""
+    """Whether an entry is of these settings and of the code as it is."""
     return bool(entry["fingerprint"] == fingerprint(reproduction, effort))
 
 

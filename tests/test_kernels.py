@@ -156,6 +156,19 @@ def test_every_function_with_a_cache_has_this_one():
                 assert type(one._cache).__name__ in ("_KernelCache", "NullCache"), one
 
 
+@pytest.mark.parametrize(
+    ("folder", "followed"), [("site-packages", False), ("dist-packages", False), ("mine", True)]
+)
+def test_what_is_installed_in_any_environment_is_not_followed(monkeypatch, tmp_path, folder, followed):
+    package, kernels = f"beside_{folder[:4]}", f"using_{folder[:4]}"
+    (tmp_path / folder).mkdir()
+    (tmp_path / folder / f"{package}.py").write_text("FACTOR = 2\n")
+    (tmp_path / f"{kernels}.py").write_text(f"import {package}\n")
+    monkeypatch.syspath_prepend(tmp_path / folder)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert (package in sources_of(kernels)) is followed
+
+
 def test_numbas_version_is_part_of_the_hash(monkeypatch):
     before = source_hash("thruster_envs.random")
     source_hash.cache_clear()

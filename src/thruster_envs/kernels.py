@@ -163,10 +163,11 @@ def _installed(top: str) -> bool:
     spec = _spec(top)
     if spec is None or spec.origin is None or not os.path.isabs(spec.origin):
         return True
+    path = Path(spec.origin)
+    if not {"site-packages", "dist-packages"}.isdisjoint(path.parts):  # of whichever environment
+        return True
     paths = sysconfig.get_paths()
-    return spec.origin.startswith(
-        tuple(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib"))
-    )
+    return any(path.is_relative_to(paths[name]) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
 _COMMENT = re.compile(rb"#[^\n]*")

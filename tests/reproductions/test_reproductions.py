@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reproductions import registry
 from reproductions.__main__ import RESULTS, main
 from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
 from reproductions.registry import chosen, find_all, fingerprint, order
 from reproductions.results import entry_of, merge, read, render
 from reproductions.running import run
+from thruster_envs.kernels import sources_of
 
 REGISTERED = find_all()
 
@@ -153,6 +155,25 @@ def test_the_fingerprint_changes_with_the_effort_and_with_what_is_said():
     assert len({fingerprint(one, QUICK), fingerprint(one, FULL), fingerprint(toy("T2"), QUICK)}) == 3
 
 
+def test_the_fingerprint_sees_the_code_under_a_study_and_not_its_words(monkeypatch):
+    def printed(change):
+        monkeypatch.setattr(registry, "sources_of", lambda *_: sources | change)
+        registry._code_under.cache_clear()
+        return fingerprint(one, QUICK)
+
+    one = find_all()["E20"]
+    sources = sources_of("reproductions.yang2003.section_6_3_nominal_firing")
+    core = sources["thruster_baselines.mapping.simplex"]
+    assert b'"""' in core
+    before = printed({})
+    assert (
+        printed({"thruster_baselines.mapping.simplex": b"# said\n" + core.replace(b'"""', b'"""Or: ', 1)})
+        == before
+    )
+    assert printed({"thruster_baselines.mapping.simplex": core + b"\nNEW = 1\n"}) != before
+    registry._code_under.cache_clear()
+
+
 def test_an_unknown_id_gets_one_line_that_names_the_nearest(capsys):
     assert main(["run", "E200"]) == 2
     assert capsys.readouterr().err == "there is no reproduction 'E200'; the nearest is E20\n"
@@ -215,5 +236,5 @@ def test_the_list_says_what_is_on_record(capsys, tmp_path):
     merge([entry_of(REGISTERED["E20"], QUICK, None)], tmp_path)
     main(["list", "--output", str(tmp_path)])
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
-    assert lines["E20"].endswith(": reproduced (by other settings or an older module)")
+    assert lines["E20"].endswith(": reproduced (by other settings or older code)")
     assert lines["E21"].endswith(": not run yet")
