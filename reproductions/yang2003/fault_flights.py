@@ -37,7 +37,7 @@ from thruster_baselines.control.quaternions import attitude_error
 from thruster_baselines.control.rendezvous import RendezvousSettings
 from thruster_baselines.guidance import RendezvousPlanner
 from thruster_envs.faults import KINDS, FaultDistribution
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 

@@ -8,11 +8,39 @@ have given for the same command, feed coupling included. Both are beliefs: neith
 biases, time correlation and drop-outs.
 """
 
+import numpy as np
 from numba import njit
 
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import angular_acceleration, exponential, quaternion_product, rotate
-from thruster_envs.random import normal_pair, uniform_pair
+from thruster_envs.random import STEP, normal_pair, philox, uniform_pair
+
+
+@njit(forceinline=True)
+def word_rows(n):
+    """Rows of the random words of a period of a craft with ``n`` thrusters."""
+    return 4 * ((n + 1) // 8 + 3)
+
+
+@njit(forceinline=True)
+def draw_words(b, batch, words, n):
+    """Random words of the period, 6 + n / 2 of them.
+
+    They give twelve normal numbers for the sensors, then one uniform number for each thruster.
+    """
+    data, streams = batch.data, batch.streams
+    for block in range((6 + (n + 1) // 2 + 3) // 4):
+        for w in range(words.shape[1]):
+            words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
+                philox(
+                    np.uint64(block),
+                    np.uint64(np.int64(data[b, at.STEP, w])),
+                    streams[b, at.EPISODE, w],
+                    streams[b, at.CRAFT, w] | np.uint64(STEP << 32),
+                    streams[b, at.KEY_LOW, w],
+                    streams[b, at.KEY_HIGH, w],
+                )
+            )
 
 
 @njit(forceinline=True)
@@ -28,8 +56,8 @@ def measure(truth, noise, constants):
 
     They are position, velocity, attitude and rate.
     """
-    a, b = constants[at.SIGMA_POSITION], constants[at.SIGMA_VELOCITY]
-    c, d = 0.5 * constants[at.SIGMA_ATTITUDE], constants[at.SIGMA_RATE]
+    a, b = constants.sigma_position, constants.sigma_velocity
+    c, d = 0.5 * constants.sigma_attitude, constants.sigma_rate
     q = quaternion_product(
         exponential(c * noise[6], c * noise[7], c * noise[8]), (truth[6], truth[7], truth[8], truth[9])
     )
@@ -51,17 +79,17 @@ def measure(truth, noise, constants):
 
 
 @njit(forceinline=True)
-def measured_change(before, after, constants, inertia, inverse):
+def measured_change(before, after, constants, body):
     """Rate change of a period in body axes, m/s and rad/s, from two measurements, free motion removed."""
-    period, k = constants[at.PERIOD], at.VELOCITY_DRIFT
+    period, k = constants.period, constants.velocity_drift
     x, y, z, u, v, w = before[0], before[1], before[2], before[3], before[4], before[5]
     drift = (
-        constants[k] * x + constants[k + 1] * y + constants[k + 2] * z
-        + constants[k + 3] * u + constants[k + 4] * v + constants[k + 5] * w,
-        constants[k + 6] * x + constants[k + 7] * y + constants[k + 8] * z
-        + constants[k + 9] * u + constants[k + 10] * v + constants[k + 11] * w,
-        constants[k + 12] * x + constants[k + 13] * y + constants[k + 14] * z
-        + constants[k + 15] * u + constants[k + 16] * v + constants[k + 17] * w,
+        k[0] * x + k[1] * y + k[2] * z
+        + k[3] * u + k[4] * v + k[5] * w,
+        k[6] * x + k[7] * y + k[8] * z
+        + k[9] * u + k[10] * v + k[11] * w,
+        k[12] * x + k[13] * y + k[14] * z
+        + k[15] * u + k[16] * v + k[17] * w,
     )  # fmt: skip
     q = (before[6], before[7], before[8], before[9])
     translation = rotate(q, (after[3] - drift[0], after[4] - drift[1], after[5] - drift[2]))
@@ -70,7 +98,7 @@ def measured_change(before, after, constants, inertia, inverse):
         0.5 * (before[11] + after[11]),
         0.5 * (before[12] + after[12]),
     )
-    free = angular_acceleration(mean, (0.0, 0.0, 0.0), inertia, inverse)
+    free = angular_acceleration(mean, (0.0, 0.0, 0.0), body.inertia, body.inverse)
     return (
         translation[0],
         translation[1],
@@ -98,14 +126,15 @@ _NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
 
 
 @njit(forceinline=True)
-def look(b, data, constants, inertia, inverse, words, state, sight):
+def look(b, data, vehicle, words, state, sight):
     """Measure every craft of a block after a period, and form the measured rate change.
 
     The noise comes from the first six random words of each lane. ``state`` (14, lanes) is the true state,
     ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
-    lanes = sight.shape[1]
-    if constants[at.UNIFORM_ERRORS] > 0.0:
+    lanes, constants = sight.shape[1], vehicle.constants
+    body = vehicle.body
+    if constants.uniform_errors > 0.0:
         for k in range(6):
             for w in range(lanes):
                 sight[2 * k, w], sight[2 * k + 1, w] = uniform_errors(words[k, w])
@@ -144,7 +173,7 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
             sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w], sight[30, w], sight[31, w],
             sight[32, w], sight[33, w], sight[34, w], sight[35, w], sight[36, w], sight[37, w],
         )  # fmt: skip
-        change = measured_change(old, new, constants, inertia, inverse)
+        change = measured_change(old, new, constants, body)
         sight[38, w], sight[39, w], sight[40, w] = change[0], change[1], change[2]
         sight[41, w], sight[42, w], sight[43, w] = change[3], change[4], change[5]
     for k in range(13):
@@ -156,14 +185,14 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
 
 
 @njit(forceinline=True)
-def expected_change(b, data, constants, thrusters, durations, first_row, sight):
+def expected_change(b, data, vehicle, durations, first_row, sight):
     """Rate change that the nominal vehicle gives for the commanded pulses, feed coupling included.
 
     All pulses start together. A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one;
     ``durations`` holds ``u`` from ``first_row`` on, ``sight`` is scratch.
     """
-    n, lanes = thrusters.shape[1], durations.shape[1]
-    coupling = constants[at.COUPLING]
+    n, lanes, believed = vehicle.rows.thrusters, durations.shape[1], vehicle.thrusters.believed
+    coupling = vehicle.constants.coupling
     for k in range(6):
         for w in range(lanes):
             sight[k, w] = 0.0
@@ -178,7 +207,7 @@ def expected_change(b, data, constants, thrusters, durations, first_row, sight):
             effective = durations[first_row + i, w] - coupling * sight[6, w]
             sight[6, w] = effective if effective > 0.0 else 0.0
         for k in range(6):
-            column = thrusters[at.BELIEVED + k, i]
+            column = believed[k, i]
             for w in range(lanes):
                 sight[k, w] += column * sight[6, w]
     for k in range(6):

@@ -8,7 +8,7 @@ from numba import njit
 from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import firing
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import exponential, rotate
 from thruster_envs.random import RESET, philox, uniform_pair
 
@@ -67,7 +67,7 @@ def command_duties(data, duties, number_of_craft):
         for craft in range(duties.shape[1]):
             b, w = place(world, craft, number_of_craft, lanes)
             for i in range(duties.shape[2]):
-                data[b, at.SCALARS + i, w] = duties[world, craft, i]
+                data[b, at.DUTIES + i, w] = duties[world, craft, i]
 
 
 @njit(forceinline=True)
@@ -118,11 +118,12 @@ def write_oracle_view(faults, b, w, start, period, row, column):
 
 
 @kernel
-def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft, worlds):
+def true_model(data, faults, columns, wrenches, inverse_inertia, period, number_of_craft, worlds):
     """The vehicle as it truly is in the coming period.
 
     Returns the rate change per second of commanded on-time, (worlds, craft, 6, n) in m/s^2 and rad/s^2, and
-    what comes without a command, (worlds, craft, 6) in m/s and rad/s; body axes. Exact for faults that do not
+    what comes without a command, (worlds, craft, 6) in m/s and rad/s; body axes. ``columns`` is the first row
+    of the true wrenches. Exact for faults that do not
     change within the period and whose thrust is proportional to the on-time, feed coupling and scatter apart.
     """
     n, lanes = wrenches.shape[0], data.shape[2]
@@ -136,7 +137,7 @@ def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft,
             for i in range(n):
                 share = delivered[i]
                 for k in range(6):
-                    column[k] = data[b, at.SCALARS + 5 * n + 6 * i + k, w]
+                    column[k] = data[b, columns + 6 * i + k, w]
                 for slot in range(faults.shape[2]):
                     fault = faults[b, w, slot]
                     tilted = (

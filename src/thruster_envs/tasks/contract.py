@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
+from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.physics.fleet import Fleet, check_flyable
-from thruster_envs.physics.flight import MOST_SUBSTEPS
 from thruster_envs.spacecraft import Spacecraft, load
 from thruster_envs.spacecraft.description import LARGEST
 

@@ -24,7 +24,7 @@ from thruster_envs.faults import MODES, Fault, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.modes import mode_number
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.protocols import Sight
 from thruster_envs.random import COMMAND, philox, uniform_pair
@@ -335,7 +335,7 @@ def piloted(pilot: Callable[[Sight], Any], sight: Sight) -> FloatArray:
 
 
 def _sight(state: DiagnosisState, period: float) -> Sight:
-    fleet, n = state.fleet, state.fleet.layout.thrusters
+    fleet, n = state.fleet, state.fleet.rows.thrusters
     measured = fleet.read(at.MEASURED, 13)[:, 0]
     return Sight(
         time=fleet.read(at.STEP)[:, 0, 0] * period,
@@ -344,7 +344,7 @@ def _sight(state: DiagnosisState, period: float) -> Sight:
         velocity=measured[:, 3:6],
         attitude=measured[:, 6:10],
         rate=measured[:, 10:],
-        duties=fleet.read(fleet.layout.duties, n)[:, 0],
+        duties=fleet.read(fleet.rows.duties, n)[:, 0],
         measured_change=fleet.read(at.MEASURED_CHANGE, 6)[:, 0],
         expected_change=fleet.read(at.EXPECTED_CHANGE, 6)[:, 0],
     )
@@ -520,7 +520,7 @@ def _observe(
             row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
             row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
         for i in range(n):
-            row[13 + i] = data[b, at.SCALARS + i, w]
+            row[13 + i] = data[b, at.DUTIES + i, w]
             along = 0.0
             for k in range(6):
                 along += projection[i, k] * (

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistribution
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.plasma_pulse import (
     PulseMap,
@@ -275,7 +275,7 @@ class PulseDiagnosis(Task):
     def _fire(self, state: PulseState, which: NDArray[np.int64]) -> None:
         fleet, model = state.fleet, state.model
         _fire(
-            fleet.data, fleet.faults, fleet.streams, model.limits, model.capacitors, model.logarithms,
+            fleet.arrays, fleet.rows.delivered, model.limits, model.capacitors, model.logarithms,
             model.waveforms, state.measured, state.pulse, state.case, which,
         )  # fmt: skip
 
@@ -339,9 +339,10 @@ def _waveforms(discharge: Discharge, samples: tuple[int, ...]) -> FloatArray:
 
 @kernel(nogil=True)
 def _fire(
-    data, faults, streams, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
+    arrays, delivered, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
     """Fire the pulse of the present period in some worlds and measure it."""
+    data, faults, streams = arrays
     n, lanes, columns, thruster = (
         capacitors.shape[0],
         data.shape[2],
@@ -384,8 +385,8 @@ def _fire(
         row[columns] = ratio + limits[_THRUST_NOISE] * noise[columns]
         for i in range(n):
             fires = 1.0 if i == thruster else 0.0
-            data[b, at.SCALARS + i, w] = fires
-            data[b, at.SCALARS + n + i, w] = fires * ratio * limits[_FIRING]
+            data[b, at.DUTIES + i, w] = fires
+            data[b, delivered + i, w] = fires * ratio * limits[_FIRING]
         data[b, at.OPEN_TIME, w] += limits[_FIRING]
 
 
