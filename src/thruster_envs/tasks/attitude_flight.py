@@ -2,15 +2,16 @@
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import layout as at
-from thruster_envs.physics.plasma_pulse import pulse_shares
+from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.pulsed_flight import FIRING_TIME, fly_blocks, fly_singly
+from thruster_envs.physics.sensing import apply_sensor_faults
 from thruster_envs.tasks.access import place
 from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
 
 
 @kernel(nogil=True)
 def fly_whole(
-    data, faults, streams, vehicle, targets, gains,
+    data, faults, sensor_faults, sensors_fail, streams, vehicle, targets, gains,
     attitude, measured_attitude, rate, measured_rate, pulses, thrust,
 ):  # fmt: skip
     """Fly all worlds of a pulsed fleet from their start to their end under the law, and record them.
@@ -26,10 +27,16 @@ def fly_whole(
         if step == steps:
             break
         hold_attitudes(data, targets, 0, craft, 0, worlds, gains)
+        before = data[:, at.MEASURED : at.MEASURED + 13 if sensors_fail else at.MEASURED].copy()
         if lanes == 1:
             fly_singly(data, faults, streams, vehicle, True, 0, data.shape[0])
         else:
             fly_blocks(data, faults, streams, vehicle, True, 0, data.shape[0])
+        if sensors_fail:
+            apply_sensor_faults(
+                data, sensor_faults, streams, vehicle.constants, vehicle.inertia, vehicle.inverse, before,
+                False, 0, data.shape[0],
+            )  # fmt: skip
         for world in range(worlds):
             for c in range(craft):
                 b, w = place(world, c, craft, lanes)
@@ -56,7 +63,7 @@ def _record_motion(data, row, step, attitude, rate):
 def shares_of_firings(faults, step, thruster, capacitors, period, shares):
     """What faults (slots, fields) made of the discharges at these steps, by these thrusters from 0.
 
-    ``shares`` (firings, 3) is filled as :func:`~thruster_envs.physics.plasma_pulse.pulse_shares` returns it.
+    ``shares`` (firings, 3) is filled as :func:`~thruster_envs.physics.health.pulse_shares` returns it.
     """
     for k in range(step.shape[0]):
         shares[k, 0], shares[k, 1], shares[k, 2] = pulse_shares(
