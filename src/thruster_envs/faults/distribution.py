@@ -257,7 +257,7 @@ class FaultDistribution:
             0.0 <= self.sensor_probability <= 1.0,
             "sensor_probability", self.sensor_probability, "a number from 0 to 1",
         )  # fmt: skip
-        _check_weights("sensor_kinds", self.sensor_kinds, "a")
+        _check_weights("sensor_kinds", self.sensor_kinds, "")
         require(
             1 <= self.sensor_count[0] <= self.sensor_count[1],
             "sensor_count", self.sensor_count, "a range of numbers from 1",

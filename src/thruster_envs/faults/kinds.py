@@ -258,7 +258,7 @@ _LINE_OF_SENSOR = {one.name: one for one in SENSOR_LINES}
 
 
 def kind_of(name: str, sensor: str | None = None) -> FaultKind:
-    """The line of a kind of an actuator or, with a sensor, of a sensor.
+    """The line of a kind of an actuator or, with the name of a sensor ("" for any), of a sensor.
 
     Raises:
         ValueError: A kind that there is not, or that the other of the two has.
@@ -270,11 +270,12 @@ def kind_of(name: str, sensor: str | None = None) -> FaultKind:
     if name in known:
         return known[name]
     if name in other:
-        whose, wrong = (
-            ("an actuator", "a sensor") if sensor is None else (f"the {sensor} sensor", "an actuator")
+        wrong, whose = (
+            ("a sensor", "an actuator") if sensor is None else ("an actuator", f"the {sensor} sensor")
         )
         raise ValueError(
-            f"kind {name!r} is a fault of {wrong}; of {whose} it must be one of {', '.join(known)}"
+            f"kind {name!r} is a fault of {wrong}; of {whose if sensor != '' else 'a sensor'} it must be one of "
+            f"{', '.join(known)}"
         )
     raise ValueError(f"kind {shown(name)} is unknown; {suggestion(name, known)}")
 

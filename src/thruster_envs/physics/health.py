@@ -12,11 +12,12 @@ s of the episode. Flight kernels, the oracle view, pictures and the studies of d
 """
 
 import math
+from typing import Any, NamedTuple
 
 from numba import njit
 
 from thruster_envs.faults import encoding as code
-from thruster_envs.faults.kinds import SPIKE_PROBABILITY
+from thruster_envs.faults.kinds import CODES, SPIKE_PROBABILITY, check_kind
 from thruster_envs.physics import layout as at
 
 # When a fault acts --------------------------------------------------------------------------------------
@@ -178,6 +179,8 @@ def switch_branch(faults, t):
 _RANKS = 3
 #: The health of a thruster without a fault.
 SOUND = (0.0, 1.0, 1.0)
+#: The shares of a pulse without a fault: mass, width, and added resistance in ohm.
+NOMINAL_PULSE = (1.0, 1.0, 0.0)
 
 
 @njit(forceinline=True)
@@ -211,7 +214,7 @@ def health_at(faults, thruster, t, within, capacitors):
         for k in range(faults.shape[0]):
             fault = faults[k]
             if _rank(fault) == rank and strikes(fault, thruster, capacitors) and is_active(fault, within):
-                health = applied(fault, severity(fault, t), health)
+                health = applied(fault[code.FIELD_KIND], severity(fault, t), health)
     return health
 
 
@@ -227,8 +230,9 @@ def health_nodes(faults, thruster, start, end):
             fault = faults[k]
             if _rank(fault) == rank and thruster_of(fault) == thruster and is_active(fault, middle):
                 s0, sm, s1 = severity_nodes(fault, start, end)
-                first, between = applied(fault, s0, first), applied(fault, sm, between)
-                last = applied(fault, s1, last)
+                kind = fault[code.FIELD_KIND]
+                first, between = applied(kind, s0, first), applied(kind, sm, between)
+                last = applied(kind, s1, last)
     return first, between, last
 
 
@@ -240,10 +244,9 @@ def _rank(fault):
 
 
 @njit
-def applied(fault, s, health):
-    """A thruster's health (floor, slope, gain) under one more fault, of severity ``s`` now."""
+def applied(kind, s, health):
+    """A thruster's health (floor, slope, gain) under one more fault, by its kind's code and its severity."""
     floor, slope, gain = health
-    kind = fault[code.FIELD_KIND]
     if kind == code.STUCK_ON:
         return s, 0.0, gain
     if kind == code.LEAK:
@@ -278,11 +281,18 @@ def command_error(fault, t):
     the duty that is added.
     """
     if acts_on_commands(fault) and is_active(fault, t):
-        kind, s = fault[code.FIELD_KIND], severity(fault, t)
-        if kind == code.LATE_OPENING:
-            return s, 0.0, 0.0
-        if kind == code.SLOW_OPENING:
-            return 0.0, s, 0.0
+        return on_command(fault[code.FIELD_KIND], severity(fault, t))
+    return 0.0, 0.0, 0.0
+
+
+@njit
+def on_command(kind, s):
+    """Delay (s), lag (s) and duty that a fault adds, by the code of its kind and its severity."""
+    if kind == code.LATE_OPENING:
+        return s, 0.0, 0.0
+    if kind == code.SLOW_OPENING:
+        return 0.0, s, 0.0
+    if kind == code.BIAS:
         return 0.0, 0.0, s
     return 0.0, 0.0, 0.0
 
@@ -362,20 +372,76 @@ def pulse_shares(faults, thruster, capacitors, time):
     the slug's mass, the share of the electrodes' width and the added resistance in ohm, as
     :func:`~thruster_envs.physics.plasma_pulse.pulse_ratio` takes them.
     """
-    mass_share, width_share, added_resistance = 1.0, 1.0, 0.0
+    shares = NOMINAL_PULSE
     for slot in range(faults.shape[0]):
         fault = faults[slot]
         if changes_discharge(fault) == 0 or not is_active(fault, time):
             continue
         if strikes(fault, thruster, capacitors):
-            s, kind = severity(fault, time), fault[code.FIELD_KIND]
-            if kind == code.PROPELLANT_LOSS:
-                mass_share *= 1.0 - s
-            elif kind == code.ELECTRODE_SEDIMENT:
-                width_share *= 1.0 - s
-            else:
-                added_resistance += s
-    return mass_share, width_share, added_resistance
+            shares = discharged(fault[code.FIELD_KIND], severity(fault, time), shares)
+    return shares
+
+
+@njit
+def discharged(kind, s, shares):
+    """The shares of :func:`pulse_shares` under one more fault, by the code of its kind and its severity."""
+    mass, width, resistance = shares
+    if kind == code.PROPELLANT_LOSS:
+        return mass * (1.0 - s), width, resistance
+    if kind == code.ELECTRODE_SEDIMENT:
+        return mass, width * (1.0 - s), resistance
+    if kind == code.CONDUCTIVITY_LOSS:
+        return mass, width, resistance + s
+    return mass, width, resistance
+
+
+# The same by the name of a kind -------------------------------------------------------------------------
+
+
+class Effect(NamedTuple):
+    """What a fault of one kind and severity, by itself, makes of a thruster while it acts.
+
+    Attributes:
+        floor: Opening whatever is commanded.
+        slope: Opening that comes with each unit that is commanded.
+        gain: Thrust over that of the same flow without a fault; negative where it is reversed.
+        delay: By how much it opens later, s.
+        lag: What comes to its time constant, s.
+        duty: What is added to the commanded duty.
+    """
+
+    floor: Any
+    slope: Any
+    gain: Any
+    delay: Any
+    lag: Any
+    duty: Any
+
+
+def effect_of(kind: str, severity: Any, health: tuple[Any, Any, Any] = SOUND) -> Effect:
+    """What a fault makes of a thruster, by the name of its kind; the severity may be an array.
+
+    ``health`` is what other faults have made of it before: floor, slope and gain.
+
+    >>> effect_of("leak", 0.25)
+    Effect(floor=0.25, slope=0.75, gain=1.0, delay=0.0, lag=0.0, duty=0.0)
+    """
+    check_kind(kind)
+    floor, slope, gain = applied.py_func(CODES[kind], severity, health)
+    return Effect(floor, slope, gain, *on_command.py_func(CODES[kind], severity))
+
+
+def pulse_of(kind: str, severity: Any) -> tuple[Any, Any, Any]:
+    """What a fault makes of a pulse: shares of mass and width and added resistance in ohm.
+
+    The severity may be an array.
+
+    >>> pulse_of("electrode_sediment", 0.25)
+    (1.0, 0.75, 0.0)
+    """
+    check_kind(kind)
+    shares: tuple[Any, Any, Any] = discharged.py_func(CODES[kind], severity, NOMINAL_PULSE)
+    return shares
 
 
 # What it makes of a measurement -------------------------------------------------------------------------
