@@ -270,12 +270,10 @@ def kind_of(name: str, sensor: str | None = None) -> FaultKind:
     if name in known:
         return known[name]
     if name in other:
-        wrong, whose = (
-            ("a sensor", "an actuator") if sensor is None else ("an actuator", f"the {sensor} sensor")
-        )
+        its = f"the {sensor} sensor" if sensor else "a sensor"
+        wrong, whose = ("a sensor", "an actuator") if sensor is None else ("an actuator", its)
         raise ValueError(
-            f"kind {name!r} is a fault of {wrong}; of {whose if sensor != '' else 'a sensor'} it must be one of "
-            f"{', '.join(known)}"
+            f"kind {name!r} is a fault of {wrong}; of {whose} it must be one of {', '.join(known)}"
         )
     raise ValueError(f"kind {shown(name)} is unknown; {suggestion(name, known)}")
 
