@@ -299,7 +299,7 @@ def _measure_faultily(b, w, data, faults, streams, constants, before, row, error
         if health.is_active(fault, t):
             chance, sensor = _chance(b, w, k, data, streams), int(fault[code.FIELD_SENSOR])
             axis = int(fault[code.FIELD_AXIS])
-            keeps = health.holds(fault, t, chance)
+            keeps = data[b, at.STEP, w] > 0.0 and health.holds(fault, t, chance)
             for c in range(3):
                 if axis == 0 or axis == c + 1:
                     value = _measured(b, w, data, sensor, c)
