@@ -89,10 +89,10 @@ class FormationAttitudeEnv(TaskEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
-    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 where none fails), `kind` (position
-      in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an empty slot),
-      `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`, from 1; 0 where
-      none fails), `axis` (from 1; 0 for all three).
+    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 where none fails), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an
+      empty slot), `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`,
+      from 1; 0 where none fails), `axis` (from 1; 0 for all three).
     - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
       the one before it is seen once more.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
