@@ -23,7 +23,7 @@ from thruster_envs.spacecraft import Modulator, Sensors, load
 
 CHASER = load("msr_chaser")
 PERIOD = CHASER.control_period
-KINDS = GENERAL_KINDS + MODULATOR_KINDS
+KINDS = (*GENERAL_KINDS, *MODULATOR_KINDS, "sign", "bias")
 MARS = CHASER.gravitational_parameter
 N = CHASER.mean_motion
 UPRIGHT = (0.5, 0.5, 0.5, -0.5)

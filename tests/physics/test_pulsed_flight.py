@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.physics.flying import begin, scatter_draws
-from thruster_envs.faults import Fault, FaultDistribution
-from thruster_envs.faults.record import DISCHARGE_KINDS, GENERAL_KINDS, PROFILES
+from thruster_envs.faults import DISCHARGE_KINDS, PROFILES, THRUSTER_KINDS, Fault, FaultDistribution
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.plasma_pulse import PulseMap
 from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS, PulsedFleet
@@ -132,6 +131,30 @@ def test_one_that_is_stuck_on_fires_unasked_and_takes_from_its_partner():
     for asked, given in (((), (0.3, 0.0)), ((1,), (0.3, 0.0)), ((2,), (0.3, 0.7))):
         fire(fleet, *asked)
         np.testing.assert_allclose(shares(fleet)[:2], given, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("severity", "share"), [(1.0, -1.0), (0.5, 0.0), (0.25, 0.5)])
+def test_one_that_is_miswired_pushes_the_other_way(severity, share):
+    fleet = fleet_of([Fault(1, "sign", severity=severity)])
+    np.testing.assert_allclose(fire(fleet, 1)[0], [share * TURN, 0.0, 0.0], rtol=1e-12, atol=1e-24)
+    assert fleet.read(at.OPEN_TIME)[0, 0, 0] == pytest.approx(0.016)
+
+
+def test_a_bias_asks_for_a_pulse_beside_what_is_commanded():
+    """The highest sum of command and bias on a capacitor fires, a whole pulse; the other one does not."""
+    fleet = fleet_of([Fault(1, "bias", severity=0.3, onset=1.0)])
+    for duties, given in (
+        ((0.0, 0.0), (0.0, 0.0)),  # before the onset
+        ((0.0, 0.0), (1.0, 0.0)),
+        ((0.0, 0.2), (1.0, 0.0)),
+        ((0.0, 0.4), (0.0, 1.0)),
+        ((0.2, 0.4), (1.0, 0.0)),
+    ):
+        fleet.write(fleet.rows.duties, (*duties, 0.0, 0.0, 0.0, 0.0))
+        fleet.fly()
+        np.testing.assert_allclose(shares(fleet)[:2], given, rtol=1e-14)
+    expected = fleet.read(at.EXPECTED_CHANGE + 3, 3)[0, 0]
+    np.testing.assert_allclose(expected, [-TURN / PPT.inertia[0][0], 0.0, 0.0], rtol=1e-12, atol=1e-20)
 
 
 def test_one_that_leaks_gives_a_whole_pulse_on_command():
@@ -257,7 +280,7 @@ def test_a_spacecraft_without_a_discharge_is_refused():
 
 EVERYTHING = FaultDistribution(
     probability=0.8,
-    kinds=GENERAL_KINDS + DISCHARGE_KINDS,
+    kinds=THRUSTER_KINDS + DISCHARGE_KINDS,
     count=(1, 3),
     onset=(0.0, 20.0),
     duration=(5.0, 40.0),

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
     DISCHARGE_KINDS,
-    GENERAL_KINDS,
     MODULATOR_KINDS,
+    SENSORS,
+    THRUSTER_KINDS,
     Fault,
     FaultDistribution,
     encode,
@@ -26,11 +27,18 @@ from thruster_envs.faults import (
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import modulated_flight
+from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
 from thruster_envs.physics.period import choose_period
-from thruster_envs.physics.sensing import measure, uniform_errors, write_measurement
+from thruster_envs.physics.sensing import (
+    apply_first_sensor_faults,
+    apply_sensor_faults,
+    find_stale,
+    measure,
+    uniform_errors,
+    write_measurement,
+)
 from thruster_envs.physics.vehicle import (
     MODULATED_SUBSTEP,
     ORBIT_TURN,
@@ -56,11 +64,15 @@ FEW_CRAFT, MANY_CRAFT = 6, 1024
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """Encoded faults of a world: the rows (craft, slots, 10), or the table from which they are drawn."""
+    """Encoded faults of a world: the rows (craft, slots, 13), or the table from which they are drawn.
+
+    ``of_sensors`` says whether some are, or may be, faults of sensors.
+    """
 
     rows: FloatArray
     table: FloatArray
     drawn: bool
+    of_sensors: bool
 
 
 class Fleet:
@@ -76,12 +88,15 @@ class Fleet:
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows the general ones, and those
-            of a modulator where the spacecraft has one.
+        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows those of any thruster, and
+            those of a modulator where the spacecraft has one.
+        sensors: The sensors whose faults have a meaning for what flies the fleet.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
-        faults: (blocks, lanes, slots, 16) float64.
+        faults: (blocks, lanes, slots, 19) float64, those of thrusters.
+        sensor_faults: (blocks, lanes, slots, 13) float64, those of sensors, in slots that `faults` leaves
+            empty.
         streams: (blocks, 4, lanes) uint64.
     """
 
@@ -95,9 +110,11 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
-        kinds: tuple[str, ...] = GENERAL_KINDS,
+        kinds: tuple[str, ...] = THRUSTER_KINDS,
+        sensors: tuple[str, ...] = SENSORS,
     ) -> None:
         modulated = spacecraft.modulator is not None
+        self.sensors = sensors
         self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
@@ -107,6 +124,9 @@ class Fleet:
         self.rows = arrange_rows(spacecraft)
         self.data = np.zeros((self.blocks, self.rows.fields, self.lanes))
         self.faults = np.zeros((self.blocks, self.lanes, slots, at.FAULT_WIDTH))
+        self.sensor_faults = np.zeros((self.blocks, self.lanes, slots, len(code.FAULT_FIELDS)))
+        #: Whether any craft may have the fault of a sensor: without, nothing is spent on them.
+        self.sensors_fail = False
         self.streams = np.zeros((self.blocks, at.STREAM_ROWS, self.lanes), np.uint64)
         self.data[:, at.ATTITUDE] = 1.0
         self.data[:, at.MEASURED + 6] = 1.0
@@ -140,28 +160,48 @@ class Fleet:
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table = source.encode(n, self.craft, spare=spare)
+            table = source.encode(n, self.craft, spare=spare, sensors=self.sensors)
             rows = np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
+            of_sensors = source.sensor_probability > 0.0
             if source.count[1] > self.slots:
                 raise ValueError(
                     f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
+                )
+            most = source.sensor_count[1] + (source.count[1] if source.probability > 0.0 else 0)
+            if of_sensors and most > self.slots:
+                raise ValueError(
+                    f"count and sensor_count must together be at most {self.slots} (fault_slots), got "
+                    f"{source.count} and {source.sensor_count}"
                 )
         else:
             rows, table = encode(source, self.craft, n, self.slots, spare=spare), np.zeros(1)
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
+            of_sensors = any(fault.sensor is not None for fault in source)
         if waves and shortest < period:
             raise ValueError(
                 f"profile_time of an intermittent fault is {shortest:g} s; "
                 f"at least the control period, {period:g} s, would be right"
             )
-        return FaultPlan(rows, table, isinstance(source, FaultDistribution))
+        return FaultPlan(rows, table, isinstance(source, FaultDistribution), of_sensors)
 
     def _check_kinds(self, source: Sequence[Fault] | FaultDistribution) -> None:
         if isinstance(source, FaultDistribution):
             kinds, shared = tuple(source.kind_weights()), source.shared
+            failing = source.sensors or self.sensors if source.sensor_probability > 0.0 else ()
+            if source.sensor_probability > 0.0 and not self.sensors:
+                raise ValueError(
+                    "sensor_probability must be 0 where no sensor is modelled, got "
+                    f"{source.sensor_probability:g}"
+                )
         else:
-            kinds, shared = tuple(fault.kind for fault in source), any(fault.shared for fault in source)
+            kinds = tuple(fault.kind for fault in source if fault.sensor is None)
+            shared = any(fault.shared for fault in source)
+            failing = tuple(fault.sensor for fault in source if fault.sensor is not None)
+        for sensor in failing:
+            if sensor not in self.sensors:
+                which = f"must be one of {', '.join(self.sensors)}" if self.sensors else "has no meaning"
+                raise ValueError(f"sensor {which} here, got {sensor!r}")
         name, discharges = self.spacecraft.name, self.spacecraft.discharge is not None
         possible = ", ".join(kind for kind in self.kinds if discharges or kind not in DISCHARGE_KINDS)
         for kind in kinds:
@@ -195,28 +235,42 @@ class Fleet:
             episodes: (worlds,), number of the episode that begins, from 0.
             faults: What they carry, or from what it is drawn, as :meth:`plan` gives it.
         """
+        self.sensors_fail |= faults.of_sensors
         _begin(
             self.arrays, self.vehicle, which, keys, episodes, self.craft, self.spacecraft.mass,
             (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
+            (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
         if self.spacecraft.modulator is not None:
             modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.rows.phase)
 
     def look(self, which: NDArray[np.int64]) -> None:
-        """Let the sensors of some worlds look at where their craft start."""
+        """Let the sensors of some worlds measure where their craft start."""
         _first_look(self.data, self.streams, self.vehicle, which, self.craft)
+        if self.sensors_fail:
+            apply_first_sensor_faults(self.arrays, self.sensor_faults, self.vehicle, which, self.craft)
 
     def fly(self, *, move: bool = True) -> None:
         """Advance every craft by one control period, under the duties that stand in ``data``.
 
         ``move`` False fires the thrusters (impulse, delivered on-times) and leaves the craft where they are.
         """
+        fly = self._fly_and_measure if self.sensors_fail and move else self._fly
         if self.threads == 1:
-            self._kernel(self.arrays, self.vehicle, move, 0, self.blocks)
+            fly(move, 0, self.blocks)
         else:
-            run_shared(
-                lambda first, last: self._kernel(self.arrays, self.vehicle, move, first, last), self.shares
-            )
+            run_shared(lambda first, last: fly(move, first, last), self.shares)
+
+    def _fly(self, move: bool, first: int, last: int) -> None:
+        self._kernel(self.arrays, self.vehicle, move, first, last)
+
+    def _fly_and_measure(self, move: bool, first: int, last: int) -> None:
+        """Fly a period where sensors may fail."""
+        before = self.data[first:last, at.MEASURED : at.MEASURED + 13].copy()
+        self._fly(move, first, last)
+        apply_sensor_faults(
+            self.arrays, self.sensor_faults, self.vehicle, before, "velocity" in self.sensors, first, last
+        )
 
     def by_worlds(self, work: Callable[[int, int], None]) -> None:
         """Call ``work(first, last)`` so that it covers all worlds, in as many threads as the fleet flies in.
@@ -244,8 +298,9 @@ class Fleet:
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
     def fault_rows(self) -> FloatArray:
-        """A copy of the encoded faults, (worlds, craft, slots, 10)."""
-        rows = self.faults[..., : len(code.FAULT_FIELDS)].reshape(-1, self.slots, len(code.FAULT_FIELDS))
+        """A copy of the encoded faults, (worlds, craft, slots, 13)."""
+        rows = self.faults[..., : len(code.FAULT_FIELDS)] + self.sensor_faults  # one of them is empty
+        rows = rows.reshape(-1, self.slots, len(code.FAULT_FIELDS))
         return (
             rows[: self.worlds * self.craft]
             .reshape(self.worlds, self.craft, self.slots, rows.shape[-1])
@@ -255,11 +310,23 @@ class Fleet:
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
 
-        After its onset and before its end, on a thruster of the branch in use.
+        After its onset and before its end, on a sensor or a thruster of the branch in use.
         """
         strikes = np.zeros((self.worlds, self.craft, self.slots), np.bool_)
         _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
+        if self.sensors_fail:
+            _struck(self.sensor_faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
+
+    def stale(self) -> BoolArray:
+        """Of which sensors the last measurement dropped out: (worlds, craft, sensors).
+
+        In the order of :data:`thruster_envs.faults.SENSORS`.
+        """
+        stale = np.zeros((self.worlds, self.craft, len(SENSORS)), np.bool_)
+        if self.sensors_fail:
+            find_stale(self.arrays, self.sensor_faults, self.vehicle, stale)
+        return stale
 
     def pulse_delays(self) -> FloatArray:
         """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
@@ -274,14 +341,18 @@ class Fleet:
         flown = self.read(at.STEP) > 0.0
         return np.where(flown, opens + self.spacecraft.control_period - opening, 0.0)
 
+    #: Names of the arrays that a later period depends on.
+    saved = ("data", "faults", "sensor_faults", "streams")
+
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that a later period depends on, as copies."""
-        return {"data": self.data.copy(), "faults": self.faults.copy(), "streams": self.streams.copy()}
+        return {name: getattr(self, name).copy() for name in self.saved}
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Go back to what :meth:`state` gave, for a fleet of the same sizes."""
         for name, array in state.items():
             getattr(self, name)[...] = array
+        self.sensors_fail = bool(self.sensor_faults.any())
 
 
 #: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.
@@ -339,8 +410,9 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 
 @kernel
-def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan):
+def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
     (data, faults, streams), (wrenches, tilts), (encoded, table, drawn) = arrays, nominal, plan
+    sensor_faults, sensors_fail = of_sensors
     at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
     slots = faults.shape[2]
     fresh = np.zeros((craft, slots, width))
@@ -364,14 +436,19 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan):
                 for row in range(6):
                     data[b, at_rows.columns + 6 * i + row, w] = wrenches[i, row]
             for slot in range(slots):
+                row = fresh[c, slot]
+                of_sensor = row[code.FIELD_SENSOR] > 0.0
+                if sensors_fail:
+                    for column in range(width):
+                        sensor_faults[b, w, slot, column] = row[column] if of_sensor else 0.0
                 for column in range(width):
-                    faults[b, w, slot, column] = fresh[c, slot, column]
-                i = int(fresh[c, slot, code.FIELD_THRUSTER])
-                if i >= n:  # of the spare branch, which is not in use yet
+                    faults[b, w, slot, column] = 0.0 if of_sensor else row[column]
+                i = int(faults[b, w, slot, code.FIELD_THRUSTER])
+                if i >= n:  # drawn of the redundant branch, which is not in use yet
                     i -= n
                     faults[b, w, slot, code.FIELD_THRUSTER] = i
-                    faults[b, w, slot, code.FIELD_KIND] *= -1.0
-                azimuth = fresh[c, slot, code.FIELD_AZIMUTH]
+                    faults[b, w, slot, code.FIELD_BRANCH] = code.REDUNDANT
+                azimuth = row[code.FIELD_AZIMUTH]
                 for column in range(6):
                     faults[b, w, slot, at.FAULT_TILTED + column] = (
                         np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
@@ -385,11 +462,7 @@ def _struck(faults, time, strikes):
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             for slot in range(strikes.shape[2]):
-                fault = faults[b, w, slot]
-                strikes[world, c, slot] = (
-                    fault[code.FIELD_KIND] > 0.0
-                    and fault[code.FIELD_ONSET] <= time[world] < fault[code.FIELD_END]
-                )
+                strikes[world, c, slot] |= health.is_between(faults[b, w, slot], time[world])
 
 
 @kernel

@@ -21,9 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
+from thruster_envs.physics import firing, health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import symmetric_product
 from thruster_envs.physics.body import (
@@ -163,6 +162,10 @@ def _fly_block(b, batch, vehicle, move, work):
         for w in range(lanes):
             clock[_BEFORE, w] = work.corners[s, w] if s < used else period
     _store(b, data, vehicle, work)
+    if changing:
+        for w in range(lanes):
+            if clock[_CHANGES, w] > 0.0:
+                _hold_open(b, w, batch, vehicle, work)
     if move:
         freeze_lost(b, data, work.state)
         store_state(b, data, work.state, 0)
@@ -198,21 +201,15 @@ def _faults_of_period(b, faults, vehicle, work):
         clock[_CHANGES, w], clock[_WAVES, w], clock[_UNTIL, w] = 0.0, 0.0, -1.0
         start = clock[_START, w]
         for k in range(faults.shape[2]):
-            if (
-                faults[b, w, k, code.FIELD_KIND] > 0.0
-                and faults[b, w, k, code.FIELD_ONSET] < start + period
-                and faults[b, w, k, code.FIELD_END] > start
-            ):
+            if health.is_within(faults[b, w, k], start, start + period):
                 faulty = True
-                if not firing.is_steady(faults[b, w, k], start, period):
+                if not health.is_steady(faults[b, w, k], start, period):
                     clock[_CHANGES, w] = 1.0
-                    profile = faults[b, w, k, code.FIELD_PROFILE]
-                    smooth |= profile == code.RAMP or profile == code.SINE
-                    if profile == code.RAMP or profile == code.SINE:
-                        clock[_WAVES, w] = 1.0
+                    if health.varies_smoothly(faults[b, w, k]):
+                        smooth, clock[_WAVES, w] = True, 1.0
         if clock[_CHANGES, w] > 0.0:
             for k in range(busy_slots, faults.shape[2]):
-                busy_slots = k + 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else busy_slots
+                busy_slots = k + 1 if health.is_there(faults[b, w, k]) else busy_slots
     node_count = 3 if smooth else 1
     for k in range(node_count * n):
         for w in range(lanes):
@@ -232,15 +229,8 @@ def _apply_steady_faults(b, w, faults, period, node_count, work, n):
     columns, middle = work.columns, work.clock[_START, w] + 0.5 * period
     _apply_faults(b, w, faults, middle, middle, node_count, work.nodes, n)
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT and firing.is_active(
-            faults[b, w, k], middle
-        ):
-            fault = faults[b, w, k]
-            row, tilt = 6 * int(fault[code.FIELD_THRUSTER]), firing.severity(fault, middle)
-            for c in range(6):
-                columns[row + c, w] = (
-                    math.cos(tilt) * columns[row + c, w] + math.sin(tilt) * fault[at.FAULT_TILTED + c]
-                )
+        if health.is_active(faults[b, w, k], middle):
+            health.tilt_columns(faults[b, w, k], middle, columns, w)
 
 
 @njit(forceinline=True)
@@ -297,7 +287,7 @@ def _command_valves(b, batch, vehicle, changing, work):
     if changing:
         for w in range(lanes):
             if work.clock[_CHANGES, w] > 0.0:
-                _late_openings(b, w, batch, rows, period, valves)
+                _command_errors(b, w, batch, vehicle, valves)
     for i in range(n):
         for w in range(lanes):
             valves[_RUN * n + i, w] = valves[_OPENS * n + i, w]
@@ -347,16 +337,37 @@ def _store(b, data, vehicle, work):
 
 
 @njit
-def _late_openings(b, w, batch, rows, period, valves):
-    """Put off the opening of the valves that open late, unless they were held open from before."""
-    data, faults, n = batch.data, batch.faults, rows.thrusters
+def _command_errors(b, w, batch, vehicle, valves):
+    """Let faults that act on commands act: pulses become longer, and valves open late.
+
+    A valve that is held open from before does not open late.
+    """
+    data, faults, thrusters, rows = batch.data, batch.faults, vehicle.thrusters, vehicle.rows
+    n, period = rows.thrusters, vehicle.constants.period
     start = data[b, at.STEP, w] * period
     for k in range(faults.shape[2]):
-        fault = faults[b, w, k]
-        if fault[code.FIELD_KIND] == code.LATE_OPENING and firing.is_active(fault, start):
-            i = int(fault[code.FIELD_THRUSTER])
-            if data[b, rows.held + i, w] == 0.0:
-                valves[_OPENS * n + i, w] += firing.severity(fault, start)
+        i = health.thruster_of(faults[b, w, k])
+        delay, _, added = health.command_error(faults[b, w, k], start)
+        if data[b, rows.held + i, w] == 0.0:
+            valves[_OPENS * n + i, w] += delay
+        if added > 0.0:
+            on_time = health.biased_duty(faults[b, w], i, start, data[b, rows.duties + i, w], None) * period
+            on_time = on_time if on_time >= thrusters.minimum_pulse[i] else 0.0
+            valves[_CLOSES * n + i, w] = on_time + thrusters.closing_delay[i] if on_time > 0.0 else 0.0
+
+
+@njit
+def _hold_open(b, w, batch, vehicle, work):
+    """Let commands that last to the end of the period by what a fault adds to them be runs."""
+    data, faults, rows, n = batch.data, batch.faults, vehicle.rows, vehicle.rows.thrusters
+    start, period = work.clock[_START, w], vehicle.constants.period
+    for k in range(faults.shape[2]):
+        if health.command_error(faults[b, w, k], start)[2] > 0.0:
+            i = health.thruster_of(faults[b, w, k])
+            to_come = work.valves[_RUN * n + i, w] - period
+            duty = health.biased_duty(faults[b, w], i, start, data[b, rows.duties + i, w], None)
+            run = duty >= 1.0 and period >= vehicle.thrusters.minimum_pulse[i]
+            data[b, rows.held + i, w] = 1.0 + max(to_come, 0.0) if run else 0.0
 
 
 @njit(forceinline=True)
@@ -384,9 +395,9 @@ def _corners_of_period(b, faults, vehicle, busy_slots, work):
             for k in range(busy_slots):
                 row = used + firing.FAULT_CORNERS * k
                 fault = faults[b, w, k]
-                firing.fault_corners(fault, clock[_START, w], period, corners, row, w)
-                opening = valves[_OPENS * n + int(fault[code.FIELD_THRUSTER]), w]
-                late = fault[code.FIELD_KIND] == code.LATE_OPENING and opening < period
+                health.fault_corners(fault, clock[_START, w], period, corners, row, w)
+                opening = valves[_OPENS * n + health.thruster_of(fault), w]
+                late = health.is_late(fault) and opening < period
                 corners[row + 4, w] = opening if late else period
         else:
             for row in range(used, used + firing.FAULT_CORNERS * busy_slots):
@@ -441,39 +452,23 @@ def _next_change(b, w, faults, t):
     """
     until = math.inf
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] > 0.0:
-            until = min(until, firing.next_change(faults[b, w, k], t))
+        if health.is_there(faults[b, w, k]):
+            until = min(until, health.next_change(faults[b, w, k], t))
     return until
 
 
 @njit
 def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
-    """Floor, slope and gain of the faulty thrusters of a craft between two moments.
-
-    Stuck open comes first, then leaking, then blocked or lossy.
-    """
-    used = 0
+    """Floor, slope and gain of the faulty thrusters of a craft between two moments."""
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] > 0.0:
-            used += 1
-            i = int(faults[b, w, k, code.FIELD_THRUSTER])
+        if health.is_there(faults[b, w, k]):
+            i = health.thruster_of(faults[b, w, k])
+            first, middle, last = health.health_nodes(faults[b, w], i, start, end)
             for node in range(node_count):
-                nodes[(_FLOOR + node) * n + i, w] = 0.0
-                nodes[(_SLOPE + node) * n + i, w] = 1.0
-                nodes[(_GAIN + node) * n + i, w] = 1.0
-    for rank in range(3 if used > 1 else 1):
-        for k in range(faults.shape[2]):
-            kind = int(faults[b, w, k, code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON or used == 1 else (1 if kind == code.LEAK else 2)
-            if kind > 0 and its_rank == rank and firing.is_active(faults[b, w, k], 0.5 * (start + end)):
-                i = int(faults[b, w, k, code.FIELD_THRUSTER])
-                s0, sm, s1 = firing.severity_nodes(faults[b, w, k], start, end)
-                for node in range(node_count):
-                    s = s0 if node == 0 else (sm if node == 1 else s1)
-                    f, r, g = (_FLOOR + node) * n + i, (_SLOPE + node) * n + i, (_GAIN + node) * n + i
-                    nodes[f, w], nodes[r, w], nodes[g, w] = firing.apply_fault(
-                        kind, s, nodes[f, w], nodes[r, w], nodes[g, w]
-                    )
+                floor, slope, gain = first if node == 0 else (middle if node == 1 else last)
+                nodes[(_FLOOR + node) * n + i, w] = floor
+                nodes[(_SLOPE + node) * n + i, w] = slope
+                nodes[(_GAIN + node) * n + i, w] = gain
 
 
 @njit(forceinline=True)
@@ -526,7 +521,7 @@ def _follow_tilts(b, faults, node_count, work, n):
     for w in range(clock.shape[1]):
         if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
             for k in range(faults.shape[2]):
-                if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT:
+                if health.tilts(faults[b, w, k]):
                     _tilt_one(faults[b, w, k], w, node_count, work, n)
 
 
@@ -535,10 +530,10 @@ def _tilt_one(fault, w, node_count, work, n):
     clock, columns, nodes, sums = work.clock, work.columns, work.nodes, work.sums
     start = clock[_START, w] + clock[_BEFORE, w]
     end = start + clock[_LENGTH, w]
-    if not firing.is_active(fault, 0.5 * (start + end)):
+    if not health.is_active(fault, 0.5 * (start + end)):
         return
-    i = int(fault[code.FIELD_THRUSTER])
-    s0, sm, s1 = firing.severity_nodes(fault, start, end)
+    i = health.thruster_of(fault)
+    s0, sm, s1 = health.severity_nodes(fault, start, end)
     for node in range(node_count):
         s = s0 if node == 0 else (sm if node == 1 else s1)
         force = nodes[(_THRUST + node) * n + i, w]

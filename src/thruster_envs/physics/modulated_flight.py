@@ -4,8 +4,8 @@ Models one pulse per thruster and period, put off by the delay of the modulator:
 to the thrusters of a craft and an error of each pulse (:class:`~thruster_envs.spacecraft.Modulator`), so that
 a pulse may lie in the periods after that of its command. Pulses that overlap are one. The thrust follows the
 opening ``g`` of the valve with a first-order lag, ``time_constant q' = g - q``; an isolation valve that is
-closed stops ``g``, whatever is wrong with the thruster. Faults act on ``g`` (stuck, leaking, blocked), on the
-lag (slow), on the delay (late), or on the thrust (loss, misalignment). There is a constant acceleration
+closed stops ``g``, whatever is wrong with the thruster. Faults act on ``g``, on the lag, on the delay, on the
+commanded on-time or on the thrust, as :mod:`.health` has it. There is a constant acceleration
 beside the thrust, held for the period, for whatever else disturbs a craft.
 
 No thruster feels another one, so a period needs no corners: with the lag, the impulse of a thruster over a
@@ -30,9 +30,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
+from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import (
     STATE_ROWS,
@@ -186,7 +185,7 @@ def _fly_block(b, batch, vehicle, move, work):
     changing = False
     for w in range(lanes):
         for k in range(faults.shape[2]):
-            if faults[b, w, k, code.FIELD_KIND] > 0.0:
+            if health.is_there(faults[b, w, k]):
                 changing |= _strike(b, w, batch, vehicle, work)
                 break
     for i in range(n):
@@ -312,63 +311,58 @@ def _strike(b, w, batch, vehicle, work):
     middle = start + 0.5 * period
     for k in range(faults.shape[2]):
         fault = faults[b, w, k]
-        kind = fault[code.FIELD_KIND]
-        if not (kind > 0.0 and fault[code.FIELD_ONSET] < start + period and fault[code.FIELD_END] > start):
+        if not health.is_within(fault, start, start + period):
             continue
-        i = int(fault[code.FIELD_THRUSTER])
-        if kind == code.LATE_OPENING:
-            if firing.is_active(fault, start):
-                opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
-                pulses[opens, w] = min(pulses[opens, w] + firing.severity(fault, start), pulses[closes, w])
-        elif kind == code.SLOW_OPENING:
-            if firing.is_active(fault, start):
-                slower = 1.0 / valves[_RATE * n + i, w] + firing.severity(fault, start)
-                valves[_RATE * n + i, w] = 1.0 / slower
+        if health.acts_on_commands(fault):
+            _lengthen(b, w, fault, batch, vehicle, pulses)
         else:
-            steady = firing.is_steady(fault, start, period)
+            steady = health.is_steady(fault, start, period)
             changing |= not steady
-            valves[_FAULTY * n + i, w] = max(valves[_FAULTY * n + i, w], _STEADY if steady else _CHANGING)
+            row = _FAULTY * n + health.thruster_of(fault)
+            valves[row, w] = max(valves[row, w], _STEADY if steady else _CHANGING)
+    for k in range(faults.shape[2]):
+        delay, lag, _ = health.command_error(faults[b, w, k], start)
+        i = health.thruster_of(faults[b, w, k])
+        if delay > 0.0:
+            opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
+            pulses[opens, w] = min(pulses[opens, w] + delay, pulses[closes, w])
+        if lag > 0.0:
+            valves[_RATE * n + i, w] = 1.0 / (1.0 / valves[_RATE * n + i, w] + lag)
     for i in range(n):
         if valves[_FAULTY * n + i, w] == _STEADY:
-            floor, slope, gain = _health(b, w, i, faults, middle, middle)
+            floor, slope, gain = health.health_at(faults[b, w], i, middle, middle, None)
             valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w] = floor, slope
             valves[_GAIN * n + i, w] = gain
             for k in range(faults.shape[2]):
                 if _tilts(faults[b, w, k], i, middle):
-                    tilt = firing.severity(faults[b, w, k], middle)
-                    for c in range(6):
-                        columns[6 * i + c, w] = (
-                            math.cos(tilt) * columns[6 * i + c, w]
-                            + math.sin(tilt) * faults[b, w, k, at.FAULT_TILTED + c]
-                        )
+                    health.tilt_columns(faults[b, w, k], middle, columns, w)
     return changing
+
+
+@njit
+def _lengthen(b, w, fault, batch, vehicle, pulses):
+    """Let the pulse commanded now last as long as what faults add to its duty makes it."""
+    rows, thrusters, n, period = (
+        vehicle.rows,
+        vehicle.thrusters,
+        vehicle.rows.thrusters,
+        vehicle.constants.period,
+    )
+    start = batch.data[b, at.STEP, w] * period
+    if health.command_error(fault, start)[2] > 0.0:
+        n, i, newest = rows.thrusters, health.thruster_of(fault), _PULSE * rows.carried
+        opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
+        duty = batch.data[b, rows.duties + i, w]
+        on_time = health.biased_duty(batch.faults[b, w], i, start, duty, None) * period
+        on_time = on_time if on_time >= thrusters.minimum_pulse[i] else 0.0
+        longer = on_time + thrusters.closing_delay[i] - thrusters.opening_delay[i]
+        pulses[closes, w] = pulses[opens, w] + (max(longer, 0.0) if on_time > 0.0 else 0.0)
 
 
 @njit
 def _tilts(fault, i, t):
     """Whether a fault tilts thruster ``i`` (from 0) at ``t``, s of the episode."""
-    return (
-        fault[code.FIELD_KIND] == code.MISALIGNMENT
-        and int(fault[code.FIELD_THRUSTER]) == i
-        and firing.is_active(fault, t)
-    )
-
-
-@njit
-def _health(b, w, i, faults, within, t):
-    """Floor, slope and gain of thruster ``i`` at ``t``, by the faults that are active at ``within``.
-
-    Stuck open comes first, then leaking, then blocked or lossy; s of the episode.
-    """
-    floor, slope, gain = 0.0, 1.0, 1.0
-    for rank in range(3):
-        for k in range(faults.shape[2]):
-            fault = faults[b, w, k]
-            kind = int(fault[code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank == rank and int(fault[code.FIELD_THRUSTER]) == i and firing.is_active(fault, within):
-                floor, slope, gain = firing.apply_fault(kind, firing.severity(fault, t), floor, slope, gain)
-    return floor, slope, gain
+    return health.tilts(fault) and health.thruster_of(fault) == i and health.is_active(fault, t)
 
 
 @njit(forceinline=True)
@@ -498,8 +492,10 @@ def _follow_changes(b, w, i, faults, start, vehicle, work):
         commanded = _is_open(w, i, pulses, count, n, before + a + 0.5 * piece)
         for part in range(int(parts)):
             left = a + part * length
-            f_1, s_1, _ = _health(b, w, i, faults, within, start + left + _GAUSS * length)
-            f_2, s_2, _ = _health(b, w, i, faults, within, start + left + (1.0 - _GAUSS) * length)
+            f_1, s_1, _ = health.health_at(faults[b, w], i, start + left + _GAUSS * length, within, None)
+            f_2, s_2, _ = health.health_at(
+                faults[b, w], i, start + left + (1.0 - _GAUSS) * length, within, None
+            )
             g_1, g_2 = fed * (f_1 + s_1 * commanded), fed * (f_2 + s_2 * commanded)
             bend = (g_2 - g_1) / (1.0 - 2.0 * _GAUSS)  # over the whole part
             first = g_1 - _GAUSS * bend
@@ -509,7 +505,7 @@ def _follow_changes(b, w, i, faults, start, vehicle, work):
                 since = _NODES[k] * length
                 at_node = behind + bend * _NODES[k] + (level - behind) * falling(since * rate)
                 t = start + left + since
-                gain = _health(b, w, i, faults, within, t)[2]
+                gain = health.health_at(faults[b, w], i, t, within, None)[2]
                 share = strength * _WEIGHTS[k] * length * at_node
                 flow_0 += share
                 flow_1 += share * (left + since)
@@ -539,7 +535,7 @@ def _tilt(b, w, i, faults, within, t, share, since, columns, sums):
     """Add what the misalignments of thruster ``i`` turn a share of its impulse by, at ``t``."""
     for k in range(faults.shape[2]):
         if _tilts(faults[b, w, k], i, within):
-            tilt = firing.severity(faults[b, w, k], t)
+            tilt = health.severity(faults[b, w, k], t)
             along, across = math.cos(tilt) - 1.0, math.sin(tilt)
             for c in range(6):
                 turned = share * (
@@ -559,8 +555,8 @@ def _sorted_corners(b, w, i, faults, start, rows, work):
             corners[used, 0] = min(max(pulses[(_PULSE * p + group) * n + i, w] - before, 0.0), h)
             used += 1
     for k in range(faults.shape[2]):
-        if int(faults[b, w, k, code.FIELD_THRUSTER]) == i:
-            firing.fault_corners(faults[b, w, k], start, h, corners, used, 0)
+        if health.thruster_of(faults[b, w, k]) == i:
+            health.fault_corners(faults[b, w, k], start, h, corners, used, 0)
             used += 4
     for k in range(1, used):
         corner, place = corners[k, 0], k

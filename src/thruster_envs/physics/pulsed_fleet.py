@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS
+from thruster_envs.faults import DISCHARGE_KINDS, THRUSTER_KINDS
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.period import choose_period
 from thruster_envs.physics.plasma_pulse import PulseMap
@@ -25,6 +25,9 @@ BIAS_TORQUE = (1.3e-10, -2.7e-10, 5.1e-10)
 #: N m along the torque of a thruster that has lost thrust, and of one that has gained some. The pulse counts
 #: of Valdes 2008, Tables 5.VIII to 5.X, only add up with such torques beside the faults themselves.
 REPORTED_FAULT_BIAS = (-6e-8, 1e-8)
+
+#: The sensors: there is no translation to be measured.
+MEASURED = ("attitude", "rate")
 
 #: Longest integration sub-step unless another is asked for, s.
 SUBSTEP = 1.0
@@ -68,7 +71,7 @@ class PulsedFleet(Fleet):
         check_torques(bias_torque, fault_bias)
         super().__init__(
             spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
-            kinds=GENERAL_KINDS + DISCHARGE_KINDS,
+            kinds=THRUSTER_KINDS + DISCHARGE_KINDS, sensors=MEASURED,
         )  # fmt: skip
         torque = math.hypot(*bias_torque) + slots * max(map(abs, fault_bias))
         constants = scalar_constants(spacecraft, max_substep)._replace(

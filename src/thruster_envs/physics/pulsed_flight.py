@@ -11,7 +11,10 @@ duty fires, the first of them at a tie; the others do not.
 
 What faults mean for a pulse; they act as they stand at the moment of the firing:
 
-- `stuck_off`, `intermittent`: share of the discharge that does not come about. `loss`: share of the thrust.
+- `stuck_off`, `intermittent`: share of the discharge that does not come about. `loss`, `sign`: share of the
+  thrust, that is lost or turned round.
+- `bias`: the duty that is added asks it to fire in every period, beside what is commanded: of several on a
+  capacitor that are asked the one with the highest sum fires.
 - `stuck_on`: it fires in every period, asked or not, with this share of a discharge. `leak`: when it is not
   asked to, it fires with this share. What goes that way is missing in the capacitor: its other thrusters fire
   with the rest.
@@ -32,9 +35,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
+from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
     angular_acceleration,
@@ -46,7 +48,7 @@ from thruster_envs.physics.attitude import (
     turn,
 )
 from thruster_envs.physics.body import STATE_ROWS, equal_substeps, freeze_lost, load_state, store_state
-from thruster_envs.physics.plasma_pulse import pulse_ratio, pulse_shares, strikes
+from thruster_envs.physics.plasma_pulse import pulse_ratio
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import uniform_pair
@@ -66,8 +68,8 @@ _START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _COUNT, _CLOCK
     0, 1, 2, 3, 4, 5, 6, 9, 12, 13,
 )  # fmt: skip
 #: Rows of what faults make of thrusters: share of a discharge that comes about without a command and what a
-#: command adds to it, thrust of a discharge as a share of nominal, delay in s.
-FLOOR, SLOPE, GAIN, DELAY, HEALTH_GROUPS = range(5)
+#: command adds to it, thrust of a discharge as a share of nominal, delay in s, duty added to that commanded.
+FLOOR, SLOPE, GAIN, DELAY, ADDED, HEALTH_GROUPS = range(6)
 
 
 class _Work(NamedTuple):
@@ -119,11 +121,11 @@ def _fly_block(b, batch, vehicle, move, work):
     _ask(b, data, vehicle, work)
     late = False
     for w in range(lanes):
-        used = 0
+        used = False
         for k in range(faults.shape[2]):
-            used += 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else 0
-        if used > 0:
-            late |= _strike(b, w, faults, vehicle, work)
+            used |= health.is_there(faults[b, w, k])
+        if used:
+            late |= _strike(b, w, batch, vehicle, work)
     _fire(b, data, vehicle, work)
     if move:
         _find_vertical(constants, clock)
@@ -173,53 +175,43 @@ def _ask(b, data, vehicle, work):
 
 
 @njit
-def _strike(b, w, faults, vehicle, work):
+def _strike(b, w, batch, vehicle, work):
     """Put the faults of a craft into its firings, columns and torque; True if one makes a pulse late."""
     firings, columns, clock, period = work.firings, work.columns, work.clock, vehicle.constants.period
+    data, faults, rows = batch.data, batch.faults, vehicle.rows
     capacitors, start = vehicle.pulses.capacitors, clock[_START, w]
     n = capacitors.shape[0]
-    health = np.empty((HEALTH_GROUPS, n))
-    pulse_health(faults[b, w], start, vehicle.pulses, health)
+    made = np.empty((HEALTH_GROUPS, n))
+    pulse_health(faults[b, w], start, vehicle.pulses, made)
     late = False
     for i in range(n):
         left = 1.0  # in the capacitor
+        asked = data[b, rows.duties + i, w] + made[ADDED, i]
+        fires = 1.0 if asked > 0.0 else 0.0
         for j in range(n):
             if j != i and capacitors[j] == capacitors[i]:
-                left *= 1.0 - health[FLOOR, j]
-        share = left * (health[FLOOR, i] + health[SLOPE, i] * firings[_FIRES * n + i, w])
-        share = share if health[DELAY, i] < period else 0.0
+                left *= 1.0 - made[FLOOR, j]
+                other = data[b, rows.duties + j, w] + made[ADDED, j]
+                if other > asked or (other == asked and j < i):
+                    fires = 0.0
+        share = left * (made[FLOOR, i] + made[SLOPE, i] * fires)
+        share = share if made[DELAY, i] < period else 0.0
         firings[_SHARE * n + i, w] = share
-        firings[_THRUST * n + i, w] = share * firings[_STRENGTH * n + i, w] * health[GAIN, i]
-        firings[_DELAY * n + i, w] = health[DELAY, i] if share > 0.0 else 0.0
-        late |= health[DELAY, i] > 0.0 and share > 0.0
+        firings[_THRUST * n + i, w] = share * firings[_STRENGTH * n + i, w] * made[GAIN, i]
+        firings[_DELAY * n + i, w] = made[DELAY, i] if share > 0.0 else 0.0
+        late |= made[DELAY, i] > 0.0 and share > 0.0
     for k in range(faults.shape[2]):
-        fault = faults[b, w, k]
-        if firing.is_active(fault, start):
-            _tilt(fault, start, w, columns)
-            _bias(fault, vehicle.pulses, w, columns, clock)
+        if health.is_active(faults[b, w, k], start):
+            health.tilt_columns(faults[b, w, k], start, columns, w)
+            _bias(faults[b, w, k], vehicle.pulses, w, columns, clock)
     return late
-
-
-@njit
-def _tilt(fault, start, w, columns):
-    """Turn the thrust of a misaligned thruster."""
-    if fault[code.FIELD_KIND] == code.MISALIGNMENT:
-        row, tilt = 6 * int(fault[code.FIELD_THRUSTER]), firing.severity(fault, start)
-        for c in range(6):
-            columns[row + c, w] = (
-                math.cos(tilt) * columns[row + c, w] + math.sin(tilt) * fault[at.FAULT_TILTED + c]
-            )
 
 
 @njit
 def _bias(fault, pulses, w, columns, clock):
     """Add the torque that comes with a fault of the discharge, along the torque of the thruster."""
-    kind, row = fault[code.FIELD_KIND], 6 * int(fault[code.FIELD_THRUSTER]) + 3
-    size = 0.0
-    if kind == code.PROPELLANT_LOSS or kind == code.CONDUCTIVITY_LOSS:
-        size = pulses.bias_of_loss
-    elif kind == code.ELECTRODE_SEDIMENT:
-        size = pulses.bias_of_gain
+    change, row = health.changes_discharge(fault), 6 * health.thruster_of(fault) + 3
+    size = 0.0 if change == 0 else (pulses.bias_of_gain if change > 0 else pulses.bias_of_loss)
     arm = math.sqrt(columns[row, w] ** 2 + columns[row + 1, w] ** 2 + columns[row + 2, w] ** 2)
     if size != 0.0 and arm > 0.0:
         for c in range(3):
@@ -379,29 +371,28 @@ def _ahead(vertical, angle):
 
 
 @njit
-def pulse_health(faults, t, pulses, health):
+def pulse_health(faults, t, pulses, made):
     """What the faults of a craft make of firings at ``t``, s of the episode.
 
-    ``faults`` (slots, FAULT_WIDTH); ``health`` (HEALTH_GROUPS, n) is filled. Stuck on comes first, then
-    leaking, then blocked or lossy.
+    ``faults`` (slots, FAULT_WIDTH); ``made`` (HEALTH_GROUPS, n) is filled.
     """
-    health[FLOOR], health[SLOPE], health[GAIN], health[DELAY] = 0.0, 1.0, 1.0, 0.0
-    n = health.shape[1]
-    discharges = False
-    for rank in range(3):
-        for k in range(faults.shape[0]):
-            kind = int(faults[k, code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank == rank and firing.is_active(faults[k], t):
-                s = firing.severity(faults[k], t)
-                discharges |= kind >= code.PROPELLANT_LOSS
-                for i in range(n):
-                    if strikes(faults[k], i, pulses.capacitors):
-                        health[FLOOR, i], health[SLOPE, i], health[GAIN, i] = firing.apply_fault(
-                            kind, s, health[FLOOR, i], health[SLOPE, i], health[GAIN, i]
-                        )
-                        health[DELAY, i] += s if kind == code.LATE_OPENING else 0.0
-    if discharges:
-        for i in range(n):
-            mass, width, resistance = pulse_shares(faults, i, pulses.capacitors, t)
-            health[GAIN, i] *= pulse_ratio(mass, width, resistance, 1.0, pulses.logarithms, pulses.resistance)
+    capacitors = pulses.capacitors
+    for i in range(made.shape[1]):
+        floor, slope, gain = health.health_at(faults, i, t, t, capacitors)
+        mass, width, resistance = health.pulse_shares(faults, i, capacitors, t)
+        if mass != 1.0 or width != 1.0 or resistance != 0.0:
+            gain *= pulse_ratio(mass, width, resistance, 1.0, pulses.logarithms, pulses.resistance)
+        made[FLOOR, i], made[SLOPE, i], made[GAIN, i] = floor, slope, gain
+        made[DELAY, i], _, made[ADDED, i] = health.command_errors(faults, i, t, capacitors)
+
+
+@njit
+def impulses_of(made, i):
+    """What asking thruster ``i`` adds and what it gives unasked, over the nominal impulse of a pulse.
+
+    ``made`` is that of :func:`pulse_health`; the others on its capacitor are not asked.
+    """
+    floor, slope, gain = made[FLOOR, i], made[SLOPE, i], made[GAIN, i]
+    if made[ADDED, i] > 0.0:
+        floor, slope = floor + slope, 0.0
+    return gain * slope, gain * floor

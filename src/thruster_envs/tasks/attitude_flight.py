@@ -2,8 +2,9 @@
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.period import fly_pulses, fly_pulses_singly
-from thruster_envs.physics.plasma_pulse import pulse_shares
+from thruster_envs.physics.sensing import apply_sensor_faults
 from thruster_envs.physics.vehicle import open_vehicle
 from thruster_envs.tasks.access import place
 from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
@@ -11,7 +12,7 @@ from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
 
 @kernel(nogil=True)
 def fly_whole(
-    arrays, parts, targets, gains,
+    arrays, sensor_faults, sensors_fail, parts, targets, gains,
     attitude, measured_attitude, rate, measured_rate, pulses, thrust,
 ):  # fmt: skip
     """Fly all worlds of a pulsed fleet from their start to their end under the law, and record them.
@@ -27,10 +28,13 @@ def fly_whole(
         if step == steps:
             break
         hold_attitudes(data, targets, 0, craft, 0, worlds, gains)
+        before = data[:, at.MEASURED : at.MEASURED + 13 if sensors_fail else at.MEASURED].copy()
         if lanes == 1:
             fly_pulses_singly(arrays, parts, True, 0, data.shape[0])
         else:
             fly_pulses(arrays, parts, True, 0, data.shape[0])
+        if sensors_fail:
+            apply_sensor_faults(arrays, sensor_faults, parts, before, False, 0, data.shape[0])
         for world in range(worlds):
             for c in range(craft):
                 b, w = place(world, c, craft, lanes)
@@ -57,7 +61,7 @@ def _record_motion(data, row, step, attitude, rate):
 def shares_of_firings(faults, step, thruster, capacitors, period, shares):
     """What faults (slots, fields) made of the discharges at these steps, by these thrusters from 0.
 
-    ``shares`` (firings, 3) is filled as :func:`~thruster_envs.physics.plasma_pulse.pulse_shares` returns it.
+    ``shares`` (firings, 3) is filled as :func:`~thruster_envs.physics.health.pulse_shares` returns it.
     """
     for k in range(step.shape[0]):
         shares[k, 0], shares[k, 1], shares[k, 2] = pulse_shares(

@@ -207,8 +207,8 @@ class FormationAttitude(Task):
             return ()
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse", 0.0),
-            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse", 0.0),
+            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse"),
+            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse"),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
@@ -476,7 +476,7 @@ def _observe(
     start, stop,
 ):  # fmt: skip
     lanes, craft, n = data.shape[2], targets.shape[1], owed.shape[2]
-    health, pulses = np.empty((pulse.HEALTH_GROUPS, n)), open_vehicle(parts).pulses
+    made, pulses = np.empty((pulse.HEALTH_GROUPS, n)), open_vehicle(parts).pulses
     for world in range(start, stop):
         mean = 0.0
         for c in range(craft):
@@ -505,8 +505,7 @@ def _observe(
                 column += n
             if observe_fault:
                 time = data[b, at.STEP, w] * limits[_PERIOD]
-                pulse.pulse_health(faults[b, w], time, pulses, health)
+                pulse.pulse_health(faults[b, w], time, pulses, made)
                 for i in range(n):
-                    gain = health[pulse.GAIN, i]
-                    row[column + i] = bounded(gain * health[pulse.SLOPE, i], 2.0)
-                    row[column + n + i] = bounded(gain * health[pulse.FLOOR, i], 2.0)
+                    asked, unasked = pulse.impulses_of(made, i)
+                    row[column + i], row[column + n + i] = bounded(asked, 2.0), bounded(unasked, 2.0)

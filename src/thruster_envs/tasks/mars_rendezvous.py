@@ -24,8 +24,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
+from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
     conjugate,
@@ -438,11 +438,7 @@ def _command(
                 branch[world] = 1
                 for row in range(pending, inhibited):
                     data[b, row, w] = 0.0
-                for slot in range(faults.shape[2]):
-                    if faults[b, w, slot, code.FIELD_KIND] > 0.0:
-                        faults[b, w, slot, code.FIELD_END] = min(faults[b, w, slot, code.FIELD_END], time)
-                    elif faults[b, w, slot, code.FIELD_KIND] < 0.0:
-                        faults[b, w, slot, code.FIELD_KIND] *= -1.0
+                health.switch_branch(faults[b, w], time)
         r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
         latitude = sky[world, 0] + turns * time
         pushed = disturb(r, latitude - math.floor(latitude), sky[world, 1], disturbances)

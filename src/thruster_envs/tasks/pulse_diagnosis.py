@@ -26,11 +26,11 @@ from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistri
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.plasma_pulse import (
     PulseMap,
     map_place,
     pulse_ratio,
-    pulse_shares,
     pulse_waveforms,
     tabulate_pulses,
 )
@@ -235,7 +235,9 @@ class PulseDiagnosis(Task):
 
     def create(self, worlds: int, threads: int | None) -> PulseState:
         """Arrays for that many worlds."""
-        fleet = Fleet(self.vehicle, worlds, slots=self.fault_slots, threads=threads, kinds=DISCHARGE_KINDS)
+        fleet = Fleet(
+            self.vehicle, worlds, slots=self.fault_slots, threads=threads, kinds=DISCHARGE_KINDS, sensors=()
+        )
         return PulseState(
             fleet, self._model(), np.zeros((worlds, 2 * self.samples + 1)), np.zeros((worlds, _PULSE)),
             np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),

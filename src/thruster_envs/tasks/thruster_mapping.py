@@ -159,7 +159,7 @@ class ThrusterMapping(Task):
 
     def create(self, worlds: int, threads: int | None) -> MappingState:
         """Arrays for that many worlds."""
-        fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads)
+        fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads, sensors=())
         changes = ("command", "answered", "delivered", "measured", "expected")
         return MappingState(
             fleet,
