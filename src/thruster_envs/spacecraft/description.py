@@ -476,6 +476,22 @@ class Spacecraft:
             return self.orbit
         return Orbit(mean_motion=self.mean_motion, gravitational_parameter=self.gravitational_parameter)
 
+    def circular_mean_motion(self, who: str) -> float:
+        """The mean motion for someone who has no other use for the orbit, rad/s.
+
+        Args:
+            who: What needs a circular orbit, for the error line.
+
+        Raises:
+            ValueError: The orbit is elliptic.
+        """
+        if self.orbit is not None and not self.orbit.is_circular:
+            raise ValueError(
+                f"{who} needs a circular orbit: the eccentricity of {shown(self.name)} must be 0, "
+                f"got {self.orbit.eccentricity!r}"
+            )
+        return self.mean_motion
+
     @property
     def number_of_thrusters(self) -> int:
         """How many thrusters there are."""
