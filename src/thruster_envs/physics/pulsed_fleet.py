@@ -68,6 +68,12 @@ class PulsedFleet(Fleet):
         threads: int | None = None,
     ) -> None:
         discharge = discharge_of(spacecraft)
+        if spacecraft.stores_momentum:
+            raise ValueError(
+                f"{spacecraft.name!r} must have no reaction wheels and no control-moment gyros to fly on "
+                f"pulsed plasma thrusters, got {len(spacecraft.reaction_wheels)} and "
+                f"{len(spacecraft.control_moment_gyros)}"
+            )
         check_torques(bias_torque, fault_bias)
         super().__init__(
             spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,

@@ -17,6 +17,7 @@ from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
 from thruster_envs.views.inputs import NotReset, checked_options
+from thruster_envs.views.storage import Storage
 
 _LOW = 2**64 - 1
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
@@ -88,6 +89,7 @@ class Worlds:
         self.seeded, self.begun = False, False
         self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
+        self._storage = Storage(self.fleet, task) if task.storage_size else None
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
@@ -161,7 +163,8 @@ class Worlds:
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
-        return self.task.observe(self.state)
+        observations = self.task.observe(self.state)
+        return observations if self._storage is None else self._storage.observed(observations)
 
     def step(self, actions: ArrayLike, *, begins: NDArray[np.bool_] | None = None) -> Step:
         """Let one control period pass in every world.
@@ -179,6 +182,8 @@ class Worlds:
         """
         self.require_reset("step")
         array = np.asarray(actions, dtype=np.float64)
+        if self._storage is not None:
+            array = self._storage.commanded(array, self._shape)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
@@ -252,6 +257,7 @@ class Worlds:
             "success": truth.success,
             "is_success": truth.success.copy(),
             **self.task.report(self.state),
+            **({} if self._storage is None else self._storage.report()),
         }
 
     def save(self) -> dict[str, NDArray[Any]]:
