@@ -33,6 +33,7 @@ from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
 from thruster_envs.physics.period import choose_period
+from thruster_envs.physics.pulsed_craft import MEASURED, PulsedFlight
 from thruster_envs.physics.sensing import (
     apply_first_sensor_faults,
     apply_sensor_faults,
@@ -48,6 +49,7 @@ from thruster_envs.physics.vehicle import (
     STANDARD_GRAVITY,
     arrange_rows,
     open_vehicle,
+    pack_pulses,
     pack_vehicle,
     scalar_constants,
     spin_up,
@@ -90,9 +92,12 @@ class Fleet:
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows those of any thruster, and
-            those of a modulator where the spacecraft has one.
-        sensors: The sensors whose faults have a meaning for what flies the fleet.
+        kinds: Kinds of fault that what flies the fleet knows; None for those of the actuators that the
+            spacecraft has.
+        sensors: The sensors whose faults have a meaning for what flies the fleet; None for all that measure
+            something.
+        pulsed: Given, thrusters fire as pulsed plasma thrusters do, and the craft only turn; None lets them
+            fire as their valves or their modulator do.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
@@ -112,14 +117,12 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
-        kinds: tuple[str, ...] = THRUSTER_KINDS,
-        sensors: tuple[str, ...] = SENSORS,
+        kinds: tuple[str, ...] | None = None,
+        sensors: tuple[str, ...] | None = None,
+        pulsed: PulsedFlight | None = None,
     ) -> None:
-        modulated = spacecraft.modulator is not None
-        self.sensors = sensors
-        kinds += MODULATOR_KINDS if modulated else ()
-        kinds += WHEEL_KINDS if spacecraft.reaction_wheels else ()
-        self.kinds = kinds + (GYRO_KINDS if spacecraft.control_moment_gyros else ())
+        self.kinds = _kinds_of(spacecraft, pulsed) if kinds is None else kinds
+        self.sensors = (SENSORS if pulsed is None else MEASURED) if sensors is None else sensors
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
@@ -141,12 +144,19 @@ class Fleet:
         if self.storage_faults is not None:
             self.saved = (*self.saved, "storage_faults")
         self.arrays = (self.data, self.faults, self.streams, self.storage_faults)
+        #: (n,), number of the capacitor of each thruster; 0 without one.
+        self.capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        constants = scalar_constants(spacecraft, max_substep)
         #: What the kernels take of the vehicle.
         self.vehicle = pack_vehicle(
-            spacecraft, scalar_constants(spacecraft, max_substep), slots=slots, nonlinear=nonlinear,
+            spacecraft,
+            constants if pulsed is None else pulsed.turning(constants, spacecraft, slots),
+            slots=slots,
+            nonlinear=nonlinear,
             max_substep=max_substep,
-        )  # fmt: skip
-        self._kernel = choose_period(self.lanes, modulated=modulated, pulsed=False)
+            pulses=None if pulsed is None else pack_pulses(pulsed.pulses_of(spacecraft, max_substep)),
+        )
+        self._kernel = choose_period(self.lanes, self.vehicle)
         cores = os.cpu_count() or 1
         wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
@@ -387,6 +397,19 @@ class Fleet:
         for name, array in state.items():
             getattr(self, name)[...] = array
         self.sensors_fail = bool(self.sensor_faults.any())
+
+
+def _kinds_of(spacecraft: Spacecraft, pulsed: PulsedFlight | None) -> tuple[str, ...]:
+    """Kinds of fault of the actuators that a spacecraft has."""
+    kinds = THRUSTER_KINDS
+    for has, more in (
+        (pulsed is not None, DISCHARGE_KINDS),
+        (spacecraft.modulator is not None, MODULATOR_KINDS),
+        (spacecraft.reaction_wheels, WHEEL_KINDS),
+        (spacecraft.control_moment_gyros, GYRO_KINDS),
+    ):
+        kinds += more if has else ()
+    return kinds
 
 
 #: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.

@@ -21,10 +21,11 @@ fly_modulated, fly_modulated_singly = (
 fly_pulses, fly_pulses_singly = pulsed_flight.compile_period(at.LANES), pulsed_flight.compile_period(1)
 
 
-def choose_period(lanes: int, *, modulated: bool, pulsed: bool) -> Any:
-    """The kernel for a vehicle behind a modulator, on pulsed plasma thrusters, or on neither."""
-    if modulated:
+def choose_period(lanes: int, parts: tuple[Any, ...]) -> Any:
+    """The kernel for a vehicle, by what fires its thrusters."""
+    _, _, _, _, _, modulator, pulses, _ = parts
+    if modulator is not None:
         return fly_modulated_singly if lanes == 1 else fly_modulated
-    if pulsed:
+    if pulses is not None:
         return fly_pulses_singly if lanes == 1 else fly_pulses
     return fly_valves_singly if lanes == 1 else fly_valves

@@ -1,21 +1,18 @@
-"""A batch of worlds whose craft turn by pulsed plasma thrusters: the fleet, with another flight.
+"""What turns a craft on pulsed plasma thrusters beside its pulses, and what the kernels take of it all.
 
-Arrays, faults, streams, threads and calls are those of :class:`~thruster_envs.physics.fleet.Fleet`; what is
-modelled and what is left out stands in :mod:`thruster_envs.physics.pulsed_flight`.
+What is modelled and what is left out stands in :mod:`thruster_envs.physics.pulsed_flight`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from thruster_envs.faults import DISCHARGE_KINDS, THRUSTER_KINDS
-from thruster_envs.physics.fleet import Fleet
-from thruster_envs.physics.period import choose_period
 from thruster_envs.physics.plasma_pulse import PulseMap
-from thruster_envs.physics.vehicle import Pulses, pack_pulses, pack_vehicle, scalar_constants
+from thruster_envs.physics.vehicle import Constants, Pulses
 from thruster_envs.spacecraft import Discharge, Spacecraft
 from thruster_envs.spacecraft.description import LARGEST, Vector
 
@@ -33,40 +30,34 @@ MEASURED = ("attitude", "rate")
 SUBSTEP = 1.0
 
 
-class PulsedFleet(Fleet):
-    """Craft of one kind, on pulsed plasma thrusters, in many worlds.
+@dataclass(frozen=True, kw_only=True)
+class PulsedFlight:
+    """That thrusters fire as pulsed plasma thrusters do, and what acts on the craft beside them.
 
-    Args:
-        spacecraft: What every craft is, nominally; it must have a discharge.
-        worlds: Number of worlds.
-        craft: Number of craft in each world.
-        slots: Faults that one craft can have at once.
+    Attributes:
         gravity_gradient: Whether the gravity gradient acts.
         bias_torque: A constant torque on every craft, N m, body axes.
         fault_bias: Torque that comes with a propellant or conductivity loss, and torque that comes with
             sediment on the electrodes, N m along the torque of the thruster: (0, 0), or
             :data:`REPORTED_FAULT_BIAS`.
-        max_substep: Longest integration sub-step, s; None for 1 s.
-        threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
-            Results do not depend on it.
 
     Raises:
-        ValueError: A spacecraft without a discharge, or torques that are not numbers.
+        ValueError: Torques that are not numbers.
     """
 
-    def __init__(
-        self,
-        spacecraft: Spacecraft,
-        worlds: int,
-        craft: int = 1,
-        *,
-        slots: int = 4,
-        gravity_gradient: bool = True,
-        bias_torque: Vector = BIAS_TORQUE,
-        fault_bias: tuple[float, float] = (0.0, 0.0),
-        max_substep: float | None = None,
-        threads: int | None = None,
-    ) -> None:
+    gravity_gradient: bool = True
+    bias_torque: Vector = BIAS_TORQUE
+    fault_bias: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_torques(self.bias_torque, self.fault_bias)
+
+    def pulses_of(self, spacecraft: Spacecraft, max_substep: float | None) -> Pulses:
+        """What the kernels read of a spacecraft's thrusters.
+
+        Raises:
+            ValueError: A spacecraft without a discharge, or with wheels or gyros.
+        """
         discharge = discharge_of(spacecraft)
         if spacecraft.stores_momentum:
             raise ValueError(
@@ -74,34 +65,23 @@ class PulsedFleet(Fleet):
                 f"pulsed plasma thrusters, got {len(spacecraft.reaction_wheels)} and "
                 f"{len(spacecraft.control_moment_gyros)}"
             )
-        check_torques(bias_torque, fault_bias)
-        super().__init__(
-            spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
-            kinds=THRUSTER_KINDS + DISCHARGE_KINDS, sensors=MEASURED,
-        )  # fmt: skip
-        torque = math.hypot(*bias_torque) + slots * max(map(abs, fault_bias))
-        constants = scalar_constants(spacecraft, max_substep)._replace(
-            spin_up=torque / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
-        )
         table = PulseMap.of(discharge)
-        #: (n,), number of the capacitor of each thruster.
-        self.capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
-        pulses = Pulses(
-            capacitors=self.capacitors,
+        return Pulses(
+            capacitors=np.array([thruster.capacitor for thruster in spacecraft.thrusters]),
             logarithms=table.logarithms,
             resistance=table.resistance,
             firing_time=discharge.firing_time,
-            gradient=3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0,
-            bias=bias_torque,
+            gradient=3.0 * spacecraft.mean_motion**2 if self.gravity_gradient else 0.0,
+            bias=self.bias_torque,
             substeps=math.ceil(spacecraft.control_period / (max_substep or SUBSTEP)),
-            bias_of_loss=fault_bias[0],
-            bias_of_gain=fault_bias[1],
+            bias_of_loss=self.fault_bias[0],
+            bias_of_gain=self.fault_bias[1],
         )
-        self.vehicle = pack_vehicle(
-            spacecraft, constants, slots=slots, nonlinear=False, max_substep=max_substep,
-            pulses=pack_pulses(pulses),
-        )  # fmt: skip
-        self._kernel = choose_period(self.lanes, modulated=False, pulsed=True)
+
+    def turning(self, constants: Constants, spacecraft: Spacecraft, slots: int) -> Constants:
+        """The scalars of a vehicle with what these torques can turn it by."""
+        torque = math.hypot(*self.bias_torque) + slots * max(map(abs, self.fault_bias))
+        return constants._replace(spin_up=torque / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min())
 
 
 def check_torques(bias_torque: Sequence[float], fault_bias: Sequence[float]) -> None:
