@@ -273,6 +273,18 @@ def test_a_fault_of_what_is_not_there_is_refused(fault, message):
 
 
 @pytest.mark.nightly
+def test_a_body_without_products_of_inertia_is_one_with_hardly_any():
+    """Kernels are compiled for either form of the inertia."""
+    flown = []
+    for off in (0.0, NEARLY_NONE):
+        inertia = ((0.6, 0.0, 0.0), (0.0, 0.5, off), (0.0, off, 0.4))
+        fleet = begun(craft(X, SKEW, gyros=[GYRO], inertia=inertia), rate=(0.01, 0.02, -0.03))
+        fly(fleet, [0.4, -0.6], [0.2], duties=0.3, periods=3)
+        flown.append(state_of(fleet))
+    assert flown[0] == pytest.approx(flown[1], rel=1e-11, abs=1e-13)
+
+
+@pytest.mark.nightly
 def test_momentum_is_conserved_behind_a_modulator_too():
     chaser = load("msr_chaser")
     thrusters = [{**vars(one), "position": (0.0, 0.0, 0.0)} for one in chaser.thrusters]

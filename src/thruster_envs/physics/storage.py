@@ -268,15 +268,21 @@ def _rates(rate, torque, momentum, change, speeds, row, body, wheels, s):
 @njit
 def _moving_inertia(body, wheels, s):
     """Inertia of the body without that of the rotors that are free, about their axes, kg m^2."""
-    a, b, c, d, e, f = body.inertia[0], body.inertia[1], body.inertia[2], 0.0, 0.0, 0.0
-    if len(body.inertia) == 6:
-        d, e, f = body.inertia[3], body.inertia[4], body.inertia[5]
+    a, b, c, d, e, f = _six(body.inertia)
     for i in range(wheels.shape[0]):
         if s[wheel.HELD, i] == 0.0:
             own, u, v, n = wheels[i, wheel.INERTIA], wheels[i, 0], wheels[i, 1], wheels[i, 2]
             a, b, c = a - own * u * u, b - own * v * v, c - own * n * n
             d, e, f = d - own * u * v, e - own * u * n, f - own * v * n
     return (a, b, c, d, e, f)
+
+
+@njit
+def _six(m):
+    """The six numbers of a symmetric matrix of which only the diagonal may be given."""
+    if len(m) == 3:
+        return (m[0], m[1], m[2], 0.0, 0.0, 0.0)
+    return (m[0], m[1], m[2], m[3], m[4], m[5])
 
 
 @njit
