@@ -7,7 +7,7 @@ import pytest
 import thruster_envs  # noqa: F401 - registers the environments
 from tests.views.cases import IDS
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.views.scenes import Camera
 
 
@@ -75,7 +75,7 @@ LOST = (np.nan, np.inf, -1e300, 0.0)
 def lose(env, value):
     """Give the craft a state that is no state: where they are, how they turn, what was commanded and done."""
     fleet = env.worlds.fleet
-    first, thrusters = fleet.layout.duties, env.task.vehicle.number_of_thrusters
+    first, thrusters = fleet.rows.duties, env.task.vehicle.number_of_thrusters
     fleet.data[:, : at.STEP] = fleet.data[:, first : first + 2 * thrusters] = value
 
 
