@@ -139,27 +139,27 @@ ACTUATOR_TABLE: tuple[FaultKind, ...] = (
         "thruster that is not commanded fires for it (a plasma thruster fires one whole pulse)",
     ),
     FaultKind(
-        name="wheel_torque_loss", whose=WHEEL, drawn=(0.3, 0.9), modes=_OTHER,
+        name="wheel_torque_loss", whose=WHEEL, drawn=(0.3, 0.9),
         meaning="share of the torque of a wheel's motor that is lost",
     ),
     FaultKind(
-        name="wheel_stuck", whose=WHEEL, modes=_OTHER,
+        name="wheel_stuck", whose=WHEEL,
         meaning="above 0, whatever it is: the rotor keeps the speed against the body that it has",
     ),
     FaultKind(
-        name="wheel_friction", whose=WHEEL, drawn=(0.1, 0.5), modes=_OTHER,
+        name="wheel_friction", whose=WHEEL, drawn=(0.1, 0.5),
         meaning="dry friction added in the bearing, as a share of the motor's largest torque",
     ),
     FaultKind(
-        name="wheel_speed_limit", whose=WHEEL, drawn=(0.3, 0.9), modes=_OTHER,
+        name="wheel_speed_limit", whose=WHEEL, drawn=(0.3, 0.9),
         meaning="share of its largest speed that a wheel cannot reach any more",
     ),
     FaultKind(
-        name="gimbal_rate_loss", whose=GYRO, drawn=(0.3, 0.9), modes=_OTHER,
+        name="gimbal_rate_loss", whose=GYRO, drawn=(0.3, 0.9),
         meaning="share of the commanded rate of the gimbal that is lost",
     ),
     FaultKind(
-        name="gimbal_lock", whose=GYRO, modes=_OTHER,
+        name="gimbal_lock", whose=GYRO,
         meaning="above 0, whatever it is: the gimbal keeps the angle that it has",
     ),
 )  # fmt: skip
