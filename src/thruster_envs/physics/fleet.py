@@ -216,12 +216,6 @@ class Fleet:
     def _check_kinds(self, source: Sequence[Fault] | FaultDistribution) -> None:
         if isinstance(source, FaultDistribution):
             kinds, shared = tuple(source.kind_weights()), source.shared
-            stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
-            if stored and source.probability > 0.0:
-                raise ValueError(
-                    f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and "
-                    "gyros stand in a list of faults"
-                )
             failing = source.sensors or self.sensors if source.sensor_probability > 0.0 else ()
             if source.sensor_probability > 0.0 and not self.sensors:
                 raise ValueError(
@@ -246,6 +240,12 @@ class Fleet:
                 )
             if kind not in self.kinds:
                 raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
+        stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
+        if stored and isinstance(source, FaultDistribution):
+            raise ValueError(
+                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and gyros "
+                "stand in a list of faults"
+            )
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
                 f"shared is True, and here no thrusters of {name!r} share a capacitor; "
