@@ -243,8 +243,8 @@ class Fleet:
         stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
         if stored and isinstance(source, FaultDistribution):
             raise ValueError(
-                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and gyros "
-                "stand in a list of faults"
+                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and "
+                "gyros stand in a list of faults"
             )
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
