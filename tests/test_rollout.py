@@ -65,7 +65,7 @@ def test_an_episode_is_what_a_loop_by_hand_sees(identifier):
             if worlds.task.choices is None and worlds.task.first_commanded == 0:
                 assert np.allclose(np.atleast_2d(recording.duty[k])[own], 0.5 * action[:n] + 0.5)
         k += 1
-        assert recording.terminated[0] == terminated or k < len(recording.reward)
+        assert recording.terminated[k - 1] == terminated
     assert recording.lengths.tolist() == [k]
 
 
@@ -76,6 +76,7 @@ def test_a_batch_records_what_single_environments_do(identifier):
     alone = [fly(identifier, seeds=seed, **settings) for seed in range(3, 6)]
     assert_same(together, concatenate(alone))
     assert_same(together[1], alone[1])
+    assert_same(fly(identifier, "idle", [3], **settings), fly(identifier, "idle", 3, **settings))
     assert_same(fly(identifier, seeds=range(3, 6), together=2, **settings), together)
     assert_same(fly(gym.make(identifier, faults=settings["faults"]), seeds=[3, 4, 5], steps=25), together)
 
@@ -88,8 +89,17 @@ def test_the_end_of_an_episode_is_recorded_in_each_mode(mode):
     env = gym.make_vec(ORION, num_envs=3, faults=FAULTS, autoreset_mode=mode)
     assert_same(fly(env, seeds=seeds, steps=40), expected)
     ended = expected.lengths < 40
-    assert np.array_equal(expected.terminated, ended)
+    assert np.array_equal(expected.final("terminated"), ended)
     assert np.array_equal(np.linalg.norm(expected.final("rate"), axis=1) > 0.95, ended)
+
+
+def test_a_flight_may_go_on_past_its_end():
+    short = fly(ORION, seeds=range(6), steps=40, faults=FAULTS)
+    whole = fly(ORION, seeds=range(6), steps=40, faults=FAULTS, past_end=True)
+    assert whole.lengths.tolist() == [40] * 6
+    for some, all_of_it in zip(short, whole, strict=True):
+        assert np.array_equal(all_of_it.position[: len(some.position)], some.position)
+        assert np.argmax(all_of_it.terminated) + 1 == some.lengths[0] or some.lengths[0] == 40
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -250,9 +260,7 @@ def test_ctrl_c_leaves_what_was_flown():
 
 def test_only_what_is_asked_for_is_kept():
     recording = fly(MAPPING, seeds=[0, 1], record=["reward_terms", "score"])
-    assert set(recording.channels) == {
-        "reward_terms/miss", "reward_terms/fuel", "score", "terminated", "truncated",
-    }  # fmt: skip
+    assert set(recording.channels) == {"reward_terms/miss", "reward_terms/fuel", "score"}
     with pytest.raises(ValueError, match="'scor', which is not recorded here; did you mean 'score'"):
         fly(MAPPING, seeds=[0, 1], record=["scor"])
 
@@ -296,6 +304,8 @@ def test_what_cannot_be_flown_is_refused_in_one_line():
         (lambda: fly(env, 3, seeds=0), "policy must be None"),
         (lambda: fly(env, seeds=0, orbits=1.0), "orbits can only be given with an id"),
         (lambda: fly(env, seeds=0, steps=0), "steps"),
+        (lambda: fly(env, seeds=0, past_end=True), "steps must be given to fly past the end"),
+        (lambda: fly(env, seeds=0, steps=2, past_end=True), "past_end needs .* in the mode DISABLED"),
     ]
     for call, message in refused:
         with pytest.raises(ValueError, match=message) as error:

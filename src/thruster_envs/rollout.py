@@ -78,6 +78,7 @@ def fly(
     seeds: int | Sequence[int] | None = None,
     *,
     steps: int | None = None,
+    past_end: bool = False,
     options: Mapping[str, Any] | None = None,
     record: Sequence[str] | None = None,
     callback: Callable[[Moment], Any] | None = None,
@@ -102,6 +103,8 @@ def fly(
             by side in one batch, of a single environment one after the other. A vector environment takes one
             for each world, or a number to which that of the world is added. None draws one.
         steps: After which an episode is cut here, if it has not ended before.
+        past_end: Fly on to the last of the ``steps`` in every world, whatever ends on the way: of an id, or
+            of a vector environment in the mode ``DISABLED``.
         options: Of every reset, ``{"faults": ...}`` for example.
         record: Channels to keep, or groups of them: ``("position", "reward_terms")``. All by default.
         callback: Called before each decision and once at the end; False from it ends the episodes there.
@@ -119,8 +122,10 @@ def fly(
         check_whole("steps", steps, 1, 2**62)
     if together is not None:
         check_whole("together", together, 1, 2**31 - 1)
+    if past_end and steps is None:
+        raise ValueError("steps must be given to fly past the end of an episode, got None")
     rounds = list(_rounds(env, seeds, together, arguments))
-    settings = _Settings(policy, steps, options, record, callback, deterministic)
+    settings = _Settings(policy, steps, past_end, options, record, callback, deterministic)
     total = sum(len(one.seeds) for one in rounds)
     if _several(policy) and len(policy) != total:
         raise ValueError(f"policy must have one entry for each of {total} episodes, got {len(policy)}")
@@ -138,6 +143,7 @@ def fly(
 class _Settings(NamedTuple):
     policy: Any
     steps: int | None
+    past_end: bool
     options: Mapping[str, Any] | None
     record: Sequence[str] | None
     callback: Callable[[Moment], Any] | None
@@ -477,7 +483,10 @@ class _Idle:
             raise ValueError(
                 "policy 'idle' does not know what nothing means to the wrappers of env; give one"
             )
-        self.actions: Any = {agent: _nothing(space) for agent, space in own.items()}
+        nothing = -1.0 if env.unwrapped.task.choices is None else 0
+        self.actions: Any = {
+            agent: np.full(space.shape or (), nothing, space.dtype) for agent, space in own.items()
+        }
         if not isinstance(form, _Parallel):
             self.actions = self.actions[""]
 
@@ -489,13 +498,6 @@ def _spaces(env: Any) -> dict[str, Any]:
     if hasattr(env, "possible_agents"):
         return {agent: env.action_space(agent) for agent in env.possible_agents}
     return {"": env.action_space}
-
-
-def _nothing(space: Any) -> Array:
-    shape = space.shape or ()
-    return (
-        np.full(shape, -1.0, np.float32) if isinstance(space, gym.spaces.Box) else np.zeros(shape, np.int64)
-    )
 
 
 class _ByAgent:
@@ -537,7 +539,9 @@ def _fly_round(one: _Round, settings: _Settings, first: int, tell: Callable[[int
 def _fly(
     env: Any, seeds: tuple[int, ...], settings: _Settings, first: int, tell: Callable[[int], None]
 ) -> Recording:
-    form = _form_of(env)
+    form, past_end = _form_of(env), settings.past_end
+    if past_end and getattr(env.unwrapped, "autoreset_mode", None) != AutoresetMode.DISABLED:
+        raise ValueError(f"past_end needs a vector environment in the mode DISABLED, got {shown(env)}")
     pilot = _Pilot(settings.policy, form, seeds, first, settings.deterministic)
     book = _Book(form, seeds, settings)
     result = form.reset(seeds, settings.options)
@@ -551,11 +555,11 @@ def _fly(
             if not (goes_on and running.any() and (settings.steps is None or step < settings.steps)):
                 break
             actions = pilot(result.observations, running)
-            with _watched(book.worlds) as watch:
+            with _watched(book.worlds, book.truth) as watch:
                 result = form.step(actions)
             step += 1
             book.add(actions, pilot.beliefs(), result, watch.seen, running)
-            ended = running & (result.terminated | result.truncated)
+            ended = running & (result.terminated | result.truncated) & (not past_end)
             tell(int(ended.sum()))
             running = running & ~ended
     except KeyboardInterrupt:
@@ -569,12 +573,12 @@ class _Watch:
     Where several periods make one step, a world whose episode ends on the way is left as it was then.
     """
 
-    def __init__(self, worlds: Worlds) -> None:
-        self.worlds, self.seen = worlds, dict[str, Array]()
+    def __init__(self, worlds: Worlds, read: Callable[[], dict[str, Array]]) -> None:
+        self._read, self.seen = read, dict[str, Array]()
         self._over = np.zeros(worlds.number, np.bool_)
 
     def __call__(self, done: NDArray[np.bool_]) -> None:
-        now = _truth(self.worlds)
+        now = self._read()
         if self._over.any():
             now = {name: _where(self._over, self.seen[name], array) for name, array in now.items()}
         self.seen = now
@@ -582,8 +586,8 @@ class _Watch:
 
 
 @contextmanager
-def _watched(worlds: Worlds) -> Iterator[_Watch]:
-    watch = _Watch(worlds)
+def _watched(worlds: Worlds, read: Callable[[], dict[str, Array]]) -> Iterator[_Watch]:
+    watch = _Watch(worlds, read)
     worlds.watcher = watch
     try:
         yield watch
@@ -599,13 +603,18 @@ class _Book:
         base = form.env.unwrapped
         self.worlds: Worlds = base.worlds
         self.entries: dict[str, list[Array]] = {}
-        self.seen: dict[str, None] = dict.fromkeys(("terminated", "truncated"))
+        self.seen: dict[str, None] = {}
         self.per: dict[str, str] = {}
         self.lengths = np.zeros(len(seeds), np.int64)
-        self.terminated, self.truncated = np.zeros((2, len(seeds)), np.bool_)
+        kept = settings.record
+        self._keeps_truth = kept is None or not {"time", *_TRUE}.isdisjoint(kept)
+
+    def truth(self) -> dict[str, Array]:
+        """What is true now, if any of it is to be kept."""
+        return _truth(self.worlds) if self._keeps_truth else {}
 
     def begin(self, result: _Result) -> None:
-        for name, array in _truth(self.worlds).items():
+        for name, array in self.truth().items():
             if name not in _OF_STEPS:
                 self._put("instant", name, array)
         self._put("instant", "observation", result.seen)
@@ -627,6 +636,8 @@ class _Book:
         for name, array in beliefs.items():
             self._put("step", name, array)
         self._put("step", "reward", result.rewards)
+        self._put("step", "terminated", result.terminated)
+        self._put("step", "truncated", result.truncated)
         for name, array in result.told.items():
             if self.per.get(name) != "episode" and not (name.startswith("fault/") and name != "fault/active"):
                 of_steps = name.partition("/")[0] in ("reward_terms", "cost")
@@ -634,8 +645,6 @@ class _Book:
         if not self.lengths.any():
             self._check_record()
         self.lengths += running
-        self.terminated |= running & result.terminated
-        self.truncated |= running & result.truncated
 
     def _put(self, per: str, name: str, array: Array) -> None:
         self.seen[name] = None
@@ -643,9 +652,7 @@ class _Book:
             name == kept or name.startswith(f"{kept}/") for kept in self.settings.record
         ):
             return
-        if array.ndim and array.base is not None:
-            array = array.copy()
-        self.entries.setdefault(name, []).append(array)
+        self.entries.setdefault(name, []).append(np.array(array))
         self.per.setdefault(name, per)
 
     def recording(self, *, interrupted: bool = False) -> Recording:
@@ -662,8 +669,6 @@ class _Book:
             kept = np.arange(right) < entries_of_each[:, np.newaxis]
             arrays[name] = stacked[:, 0] if per == "episode" else stacked[kept]
             channels[name] = self._channel(name, per, arrays[name].shape[1:])
-        for name, flags in (("terminated", self.terminated), ("truncated", self.truncated)):
-            channels[name], arrays[name] = Channel("episode"), flags.copy()
         made = self._made() | ({"interrupted": True} if interrupted else {})
         return Recording(channels, arrays, self.lengths, self.seeds, [made])
 
@@ -683,7 +688,7 @@ class _Book:
         if name in _TRUE and self.worlds.fleet.craft > 1:
             axes.append(tuple(str(k + 1) for k in range(self.worlds.fleet.craft)))
             rest = rest[1:]
-        elif isinstance(self.form, _Parallel) and name != "time" and not name.startswith("belief"):
+        elif isinstance(self.form, _Parallel) and not (name in _ONCE or name.startswith("belief")):
             axes.append(tuple(task.agents))
             rest = rest[1:]
         if labels is not None:
@@ -716,6 +721,8 @@ class _Book:
         }
 
 
+#: What the agents of a world share.
+_ONCE = ("time", "terminated", "truncated")
 #: Of the truth, what belongs to a step: what was commanded for its period, and what came of it.
 _OF_STEPS = ("duty", "delivered", "impulse", "measured_change", "expected_change")
 _TRUE = (
