@@ -402,6 +402,10 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
             f"mean_motion of {name!r} must be at most {most / period:g} rad/s, "
             f"{most:g} rad in a control period, to be flown, got {n!r}"
         )
+    if spacecraft.orbit is not None and (spacecraft.orbit.eccentricity > 0.0 or spacecraft.orbit.j2 > 0.0):
+        raise ValueError(
+            f"the orbit of {name!r} must be circular and j2 0 to be flown, got {spacecraft.orbit!r}"
+        )
     if spacecraft.sensors.attitude > COARSEST_ATTITUDE:
         raise ValueError(
             f"sensors: attitude of {name!r} must be at most {COARSEST_ATTITUDE:g} rad, "
