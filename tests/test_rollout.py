@@ -9,7 +9,7 @@ import pytest
 from tests.views.cases import FAULTS, IDS, craft_of, entries, faults_of
 from thruster_baselines.mapping import LPMapper
 from thruster_envs import formation_attitude_v0, formation_keeping_v0
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.recordings import Channel
 from thruster_envs.rollout import Interrupted, Moment, Recording, concatenate, fly
 from thruster_envs.spacecraft import load
@@ -59,7 +59,7 @@ def test_an_episode_is_what_a_loop_by_hand_sees(identifier):
         assert recording.cost[k] == info["cost"]
         assert {name: one[k] for name, one in recording.reward_terms.items()} == info["reward_terms"]
         if "duty" in recording.channels:
-            duties = worlds.fleet.read(worlds.fleet.layout.duties, 2 * n)[0]
+            duties = worlds.fleet.read(worlds.fleet.rows.duties, 2 * n)[0]
             assert np.array_equal(np.atleast_2d(recording.duty[k]), duties[:, :n])
             assert np.array_equal(np.atleast_2d(recording.delivered[k]), duties[:, n:])
             if worlds.task.choices is None and worlds.task.first_commanded == 0:

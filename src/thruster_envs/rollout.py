@@ -27,7 +27,7 @@ import thruster_envs
 from thruster_envs.configuration import as_plain, nearest, shown
 from thruster_envs.extras import extra
 from thruster_envs.faults import KINDS
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.recordings import Channel, Recording, concatenate
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.views.inputs import checked_seed
@@ -761,8 +761,8 @@ def _truth(worlds: Worlds) -> dict[str, Array]:
     Without the axis of the craft where a world has only one; with no motion where nothing flies.
     """
     fleet, task = worlds.fleet, worlds.task
-    rows = fleet.read(0, at.SCALARS)
-    n, duties = task.vehicle.number_of_thrusters, fleet.layout.duties
+    rows = fleet.read(0, at.DUTIES)
+    n, duties = task.vehicle.number_of_thrusters, fleet.rows.duties
     found = {"time": worlds.steps * task.vehicle.control_period}
     its: dict[str, Array] = {}
     if task.flies:

@@ -223,9 +223,13 @@ class Worlds:
     def info(self, step: Step | None = None) -> dict[str, Any]:
         """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
 
-        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a spare branch after the
-        others; 0 is an empty slot), ``kind`` (code, in the order of ``thruster_envs.faults.KINDS`` from 1),
-        ``severity``, ``onset`` (s), ``active``. What a task has to report beyond that comes last.
+        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a redundant branch after
+        the others; 0 in an empty slot and where a sensor fails), ``kind`` (code, in the order of
+        ``thruster_envs.faults.KINDS`` from 1, or of ``SENSOR_KINDS`` where a sensor fails; 0 is an empty
+        slot), ``severity``, ``onset`` (s), ``active``, ``sensor`` (code, in the order of
+        ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
+        ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
+        has to report beyond that comes last.
         """
         truth, told = self.task.truth(self.state), self._told
         if step is None:
@@ -243,7 +247,10 @@ class Worlds:
                 "active": self.fleet.struck(self.steps * self.task.vehicle.control_period)[
                     :, self._commanded
                 ],
+                "sensor": told.sensor.copy(),
+                "axis": told.axis.copy(),
             },
+            "stale": self.fleet.stale()[:, self._commanded],
             "fuel": truth.fuel,
             "score": truth.score,
             "success": truth.success,
@@ -277,14 +284,20 @@ class Worlds:
     def _tell(self) -> _Told:
         """Of the faults as an episode begins."""
         rows = self.fleet.fault_rows()[:, self._commanded]
-        kind = rows[..., code.FIELD_KIND].astype(np.int64)
-        thruster = rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1
-        spare = self.task.vehicle.number_of_thrusters * (kind < 0)
+        kind, thruster, branch, sensor, axis = (
+            rows[..., column].astype(np.int64)
+            for column in (
+                code.FIELD_KIND, code.FIELD_THRUSTER, code.FIELD_BRANCH, code.FIELD_SENSOR, code.FIELD_AXIS,
+            )
+        )  # fmt: skip
+        number = thruster + 1 + self.task.vehicle.number_of_thrusters * branch
         return _Told(
-            np.where(kind != code.EMPTY, thruster + spare, 0),
-            np.abs(kind),
+            np.where(kind != code.EMPTY, number, 0),
+            kind,
             rows[..., code.FIELD_SEVERITY].copy(),
             rows[..., code.FIELD_ONSET].copy(),
+            sensor,
+            axis,
         )
 
 
@@ -295,6 +308,8 @@ class _Told(NamedTuple):
     kind: NDArray[np.int64]
     severity: FloatArray
     onset: FloatArray
+    sensor: NDArray[np.int64]
+    axis: NDArray[np.int64]
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:

@@ -21,7 +21,8 @@ class FaultDiagnosisEnv(TaskEnv):
     control period the agent sees what was commanded and what was measured, and declares what it believes: no
     fault, or one thruster in one mode. What it declares changes nothing in the flight. It is judged by what
     acts at that moment; a fault that has just begun cannot be known, so a delay of at least one period is
-    the price of not guessing. Scatter of the thrust and coupling by the feed are what hides a fault.
+    the price of not guessing. Scatter of the thrust and coupling by the feed are what hides a fault. A fault
+    of a sensor misleads the pilot and the agent; as long as no thruster has one, it is right to declare none.
 
     ## Action Space
 
@@ -38,9 +39,9 @@ class FaultDiagnosisEnv(TaskEnv):
     - 0, dead: `stuck_off`, `loss` or `intermittent`, of severity 0.9 or more
     - 1, weak: the same, of severity from 0.5 to below 0.9
     - 2, slightly weak: the same, of severity below 0.5
-    - 3, leaking: `leak` or `stuck_on`, of severity below 0.5
-    - 4, stuck open: `leak` or `stuck_on`, of severity 0.5 or more
-    - 5, tilted or late: `misalignment` or `late_opening`
+    - 3, leaking: `leak`, `stuck_on` or `bias`, of severity below 0.5
+    - 4, stuck open: `leak`, `stuck_on` or `bias`, of severity 0.5 or more
+    - 5, tilted or late: `misalignment`, `late_opening` or `sign`
 
     ## Observation Space
 
@@ -67,8 +68,8 @@ class FaultDiagnosisEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 67-78 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 79-90 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 67-78 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 79-90 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -99,8 +100,12 @@ class FaultDiagnosisEnv(TaskEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0, the agent has no part in the flight.
-    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 where none fails), `kind` (position
+      in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an empty slot),
+      `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`, from 1; 0 where
+      none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset, all of them the pilot's.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.
