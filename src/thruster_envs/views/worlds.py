@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,6 +88,8 @@ class Worlds:
         self.seeded, self.begun = False, False
         self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
+        #: Called in each step with what is over, before any world begins anew; set while a step is recorded.
+        self.watcher: Callable[[NDArray[np.bool_]], None] | None = None
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
@@ -187,6 +189,8 @@ class Worlds:
         terminated, truncated = outcome.terminated, np.zeros(self.number, np.bool_)
         if self.max_episode_steps is not None:
             truncated = self.steps >= self.max_episode_steps
+        if self.watcher is not None:
+            self.watcher(terminated | truncated)
         if begins is not None and begins.any():
             self.reset(np.flatnonzero(begins))
             outcome.reward_terms[begins], outcome.cost[begins] = 0.0, 0.0
@@ -258,7 +262,8 @@ class Worlds:
         """Everything that later steps depend on, as copies by name."""
         own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
         told = {f"told.{name}": array.copy() for name, array in self._told._asdict().items()}
-        return self.state.save() | own | told | {"seeded": np.array(self.seeded)}
+        flags = {"seeded": np.array(self.seeded), "begun": np.array(self.begun)}
+        return self.state.save() | own | told | flags
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save` gave.
@@ -273,7 +278,7 @@ class Worlds:
         self.state.restore(dict(saved))
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
-        self.seeded = self.begun = bool(saved["seeded"])
+        self.seeded, self.begun = bool(saved["seeded"]), bool(saved["begun"])
         self._told = _Told(*(saved[f"told.{name}"].copy() for name in _Told._fields))
 
     def _tell(self) -> _Told:
