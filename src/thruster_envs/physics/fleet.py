@@ -159,6 +159,8 @@ class Fleet:
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
         #: The blocks that each thread works on: (first, one past the last).
         self.shares: list[tuple[int, int]] = list(pairwise(edges))
+        edges = np.linspace(0, worlds, self.threads + 1).astype(int).tolist()
+        self._world_shares: list[tuple[int, int]] = list(pairwise(edges))
 
     def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
         """Faults in the form in which :meth:`begin` takes them.
@@ -257,8 +259,7 @@ class Fleet:
         if self.threads == 1:
             work(0, self.worlds)
         else:
-            edges = np.linspace(0, self.worlds, self.threads + 1).astype(int).tolist()
-            run_shared(work, list(pairwise(edges)))
+            run_shared(work, self._world_shares)
 
     def _fly(self, move: bool, first: int, last: int) -> None:
         if self._modulated is not None:
@@ -284,14 +285,12 @@ class Fleet:
         for body in range(flat.shape[0]):
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
-    def fault_rows(self) -> FloatArray:
-        """A copy of the encoded faults, (worlds, craft, slots, 10)."""
-        rows = self.faults[..., : len(code.FAULT_FIELDS)].reshape(-1, self.slots, len(code.FAULT_FIELDS))
-        return (
-            rows[: self.worlds * self.craft]
-            .reshape(self.worlds, self.craft, self.slots, rows.shape[-1])
-            .copy()
-        )
+    def fault_rows(self, which: NDArray[np.int64] | None = None) -> FloatArray:
+        """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 10)."""
+        worlds = self.everyone if which is None else which
+        bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
+        rows = self.faults[bodies // self.lanes, bodies % self.lanes]
+        return rows[..., : len(code.FAULT_FIELDS)].copy()
 
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
