@@ -139,11 +139,11 @@ class _Compilations(event.Listener):
         self.count = 0
 
     def __enter__(self) -> Self:
-        event.register("numba:compile", self)
+        event.register("numba:compile", self)  # type: ignore[no-untyped-call]  # Numba publishes no types
         return self
 
     def __exit__(self, *_: object) -> None:
-        event.unregister("numba:compile", self)
+        event.unregister("numba:compile", self)  # type: ignore[no-untyped-call]
 
     def on_start(self, event: Any) -> None:
         """Count what is kept by itself: helpers are compiled into kernels, and again at their next use."""

@@ -289,7 +289,7 @@ class Fleet:
         """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 10)."""
         worlds = self.everyone if which is None else which
         bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
-        rows = self.faults[bodies // self.lanes, bodies % self.lanes]
+        rows: FloatArray = self.faults[bodies // self.lanes, bodies % self.lanes]
         return rows[..., : len(code.FAULT_FIELDS)].copy()
 
     def struck(self, time: ArrayLike) -> BoolArray:
@@ -300,6 +300,15 @@ class Fleet:
         strikes = np.zeros((self.worlds, self.craft, self.slots), np.bool_)
         _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
+
+    def active(self, steps: NDArray[np.int64], first: int, count: int) -> BoolArray:
+        """Which of the encoded faults act after ``steps`` (worlds,) periods: (worlds, count, slots).
+
+        Of ``count`` craft of each world from ``first`` on.
+        """
+        active = np.empty((self.worlds, count, self.slots), np.bool_)
+        _active(self.faults, steps, self.spacecraft.control_period, self.craft, first, active)
+        return active
 
     def pulse_delays(self) -> FloatArray:
         """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
@@ -534,6 +543,23 @@ def _struck(faults, time, strikes):
                 strikes[world, c, slot] = (
                     fault[code.FIELD_KIND] > 0.0
                     and fault[code.FIELD_ONSET] <= time[world] < fault[code.FIELD_END]
+                )
+
+
+@kernel
+def _active(faults, steps, period, craft, first, active):
+    lanes = faults.shape[1]
+    for world in range(active.shape[0]):
+        time = steps[world] * period
+        for c in range(active.shape[1]):
+            body = world * craft + first + c
+            b, w = body // lanes, body % lanes
+            for slot in range(active.shape[2]):
+                fault = faults[b, w, slot]
+                active[world, c, slot] = (
+                    fault[code.FIELD_KIND] > 0.0
+                    and fault[code.FIELD_ONSET] <= time
+                    and time < fault[code.FIELD_END]
                 )
 
 

@@ -49,6 +49,7 @@ class TaskEnv(gym.Env[Observation, Any]):
         self.worlds = Worlds(self.task, 1)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
+        self._action_shape = self.action_space.shape or ()
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
 
     @property
@@ -75,11 +76,12 @@ class TaskEnv(gym.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Let one control period pass under ``action``."""
-        self.worlds.require_reset("step")
-        switches = self.task.choices is not None
-        actions = checked_actions(action, self.action_space.shape or (), switches=switches)
-        step = self.worlds.step(actions.reshape((1, 1, -1)))
-        self._camera.watch(begins=False, mode=self.render_mode)
+        worlds = self.worlds
+        worlds.require_reset("step")
+        actions = checked_actions(action, self._action_shape, switches=self.task.choices is not None)
+        step = worlds.step(actions.reshape((1, 1, -1)))
+        if self.render_mode is not None:
+            self._camera.watch(begins=False, mode=self.render_mode)
         terminated, truncated = step.ends[:, 0].tolist()
         return step.observations[0, 0], step.numbers.item(-1), terminated, truncated, self._info(step)
 

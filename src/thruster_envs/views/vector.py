@@ -97,6 +97,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         watched = {None: 0, "human": 1, "rgb_array": num_envs}[self.render_mode]
         self._cameras = [Camera(self.worlds, world, f"{title} {world}") for world in range(watched)]
         self._over = np.zeros(num_envs, np.bool_)
+        self._keys = 0  # of an info, those of the dictionaries in it among them; not counted yet
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -287,7 +288,9 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """The same as users get it: flat if they asked for that, and beside every key its mask."""
         if self.flat_info:
             info = flattened(info)
-        masks = np.empty((_number_of_keys(info), self.num_envs), np.bool_)
+        if self._keys == 0:
+            self._keys = _number_of_keys(info)
+        masks = np.empty((self._keys, self.num_envs), np.bool_)
         masks[...] = mask
         return _with_masks(info, iter(masks))
 

@@ -52,32 +52,38 @@ class Step(NamedTuple):
     @property
     def rewards(self) -> FloatArray:
         """(worlds, agents), the sum of the reward terms."""
-        return self.numbers[-1].T
+        result: FloatArray = self.numbers[-1].T
+        return result
 
     @property
     def reward_terms(self) -> FloatArray:
         """(worlds, agents, terms)."""
-        return self.numbers[:-4].transpose(2, 1, 0)
+        result: FloatArray = self.numbers[:-4].transpose(2, 1, 0)
+        return result
 
     @property
     def cost(self) -> FloatArray:
         """(worlds, agents)."""
-        return self.numbers[-4].T
+        result: FloatArray = self.numbers[-4].T
+        return result
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
         """(worlds,), the episode came to its own end."""
-        return self.ends[0]
+        result: NDArray[np.bool_] = self.ends[0]
+        return result
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
         """(worlds,), the time limit cut it."""
-        return self.ends[1]
+        result: NDArray[np.bool_] = self.ends[1]
+        return result
 
     @property
     def done(self) -> NDArray[np.bool_]:
         """(worlds,), whether the episode is over for either reason."""
-        return self.ends[0] | self.ends[1]
+        result: NDArray[np.bool_] = self.ends[0] | self.ends[1]
+        return result
 
 
 class Worlds:
@@ -232,12 +238,8 @@ class Worlds:
             outcome.reward_terms, outcome.cost, outcome.terminated, truth.fuel, truth.score, truth.success,
             begins, self.steps, advance, limit, numbers, flags, ends,
         )  # fmt: skip
-        return Step(self.task.observe(self.state), numbers, flags, ends, self._active(), ended)
-
-    def _active(self) -> NDArray[np.bool_]:
-        """(worlds, agents, slots), whether each fault acts now."""
-        time = self.steps * self.task.vehicle.control_period
-        return self.fleet.struck(time)[:, self._commanded]
+        active = self.fleet.active(self.steps, self.task.first_commanded, agents)
+        return Step(self.task.observe(self.state), numbers, flags, ends, active, ended)
 
     def _duties(self, actions: FloatArray) -> FloatArray:
         duties = np.empty(self._shape)
@@ -299,7 +301,7 @@ class Worlds:
             step.numbers[:, agent, 0].tolist(),
             step.flags[:, agent, 0].tolist(),
             [array[0, agent].copy() for array in self._told],
-            step.active[0, agent].copy(),
+            step.active[0, agent],
             {
                 group: {
                     name: array.item(agent) if array.ndim == 2 else array[0, agent].copy()
