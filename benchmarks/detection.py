@@ -37,8 +37,8 @@ from thruster_baselines.detection import (
     WindowedGLR,
     healthy_firings,
 )
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.mapping.simplex import PARALLEL_FROM
 from thruster_envs.spacecraft import load

@@ -248,7 +248,6 @@ def _networks(effort: Effort) -> list[Row]:
 
     from thruster_agents.dynamic_neurons import TrainingSettings
     from thruster_agents.dynamic_neurons.low_level import LowLevelClassifier, LowLevelSettings
-    from thruster_agents.dynamic_neurons.plain_loop import time_filters
 
     announce("training of low-level networks", effort)
     rng, circuit = np.random.default_rng(0), _circuit()
@@ -264,19 +263,52 @@ def _networks(effort: Effort) -> list[Row]:
     records = [train(seed) for seed in range(effort.repetitions)]
     spent = Timing(tuple(record.seconds for record in records))
     reached = sum(record.reached for record in records)
-    filters = time_filters(samples=100 if effort.quick else 3000)
     return [
         Row(
-            "low-level network to a mean square error of 1e-4", spent.seconds, "s", AtMost(60.0),
+            "low-level network to a mean square error of 1e-4",
+            spent.seconds,
+            "s",
+            AtMost(60.0),
             note=f"{reached} of {len(records)} seeds reach it within {settings.iterations} iterations; the "
             f"slowest takes {number(max(spent.rounds))} s",
             explain=lambda: profile(lambda: train(0), 1),
         ),
+        *_filter_rows(effort),
+    ]
+
+
+def _filter_rows(effort: Effort) -> list[Row]:
+    """The recursive filter of a hidden layer, as a low-level network is trained with, beside SciPy's."""
+    import torch
+    from scipy.signal import lfilter
+
+    from thruster_agents.dynamic_neurons import recursive_filter
+
+    rng, units, order = np.random.default_rng(0), 10, 2
+    signal = torch.tensor(rng.standard_normal((8, 100 if effort.quick else 3000, units)))
+    feedforward = torch.tensor(rng.standard_normal((units, order + 1)))
+    feedback = torch.tensor(rng.random((units, order)) / (2.0 * order))
+    trained = [one.clone().requires_grad_() for one in (signal, feedforward, feedback)]
+
+    def scipys() -> None:
+        for unit in range(units):
+            lfilter(feedforward[unit].numpy(), [1.0, *feedback[unit]], signal[..., unit].numpy(), axis=1)
+
+    def both_ways() -> None:
+        torch.autograd.grad(recursive_filter(*trained).square().sum(), trained)
+
+    times = race(
+        {"ours": lambda: recursive_filter(signal, feedforward, feedback), "scipy": scipys, "both": both_ways},
+        effort,
+    )
+    ratio = times["ours"].times_faster_than(times["scipy"])
+    return [
         Row(
-            "filter of a dynamic layer, compiled", 1e3 * filters.compiled, "ms",
-            ratio=f"{number(filters.ratio)} times a loop over the samples",
+            "filter of a dynamic layer, forwards", 1e3 * times["ours"].seconds, "ms",
+            ratio=f"{ratio:.2f} times scipy.signal.lfilter",
         ),
-        Row("filter of a dynamic layer, loop in Python", 1e3 * filters.loop, "ms", own=False),
+        Row("filter of a dynamic layer, scipy.signal.lfilter", 1e3 * times["scipy"].seconds, "ms", own=False),
+        Row("filter of a dynamic layer, forwards and back", 1e3 * times["both"].seconds, "ms"),
     ]  # fmt: skip
 
 

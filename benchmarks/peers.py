@@ -123,7 +123,7 @@ def _flights(craft: int) -> dict[str, Contestant]:
     rows = np.zeros((2, fleet.blocks * fleet.lanes, 12))
     rows[:, :craft] = duties
     commands = rows.reshape(2, fleet.blocks, fleet.lanes, 12).transpose(0, 1, 3, 2)
-    first = fleet.layout.duties
+    first = fleet.rows.duties
     plain, rng = NumpyFlight(orion, craft), np.random.default_rng(0)
 
     def fly_kernel() -> None:

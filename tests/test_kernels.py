@@ -81,7 +81,7 @@ def test_a_change_of_what_is_compiled_into_a_kernel_counts(tmp_path):
 
 MOTION = """
 import numpy as np
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.tasks.attitude_pilot import relative_motion
 data = np.zeros((1, at.RATE + 3, 2))
 data[0, at.ATTITUDE : at.ATTITUDE + 4] = [[0.6, 0.0], [0.8, 0.8], [0.0, 0.6], [0.0, 0.0]]

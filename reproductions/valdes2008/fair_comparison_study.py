@@ -56,6 +56,7 @@ from thruster_baselines.detection.pulses import (
 )
 from thruster_envs.faults import Fault
 from thruster_envs.missions import Missions, fly_missions
+from thruster_envs.physics.health import pulse_of
 from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
@@ -162,11 +163,13 @@ def _changes(kind: str) -> tuple[FloatArray, FloatArray]:
 
 def changed(kind: str, severity: FloatArray) -> dict[str, FloatArray]:
     """Arguments of `pulse_waveforms` for a cause of this severity."""
-    if kind == "propellant_loss":
-        return {"slug_mass": CIRCUIT.slug_mass * (1.0 - severity)}
-    if kind == "electrode_sediment":
-        return {"electrode_width": CIRCUIT.electrode_width * (1.0 - severity)}
-    return {"added_resistance": severity}
+    mass, width, resistance = pulse_of(kind, severity)
+    nominal = {
+        "slug_mass": CIRCUIT.slug_mass * mass,
+        "electrode_width": CIRCUIT.electrode_width * width,
+        "added_resistance": resistance,
+    }
+    return {name: value for name, value in nominal.items() if isinstance(value, np.ndarray)}
 
 
 def _targets(rng: np.random.Generator, count: int) -> FloatArray:

@@ -28,8 +28,8 @@ from thruster_baselines.detection import (
     SetChiSquared,
     SingleChiSquared,
 )
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_baselines.detection.evaluate import Rate
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import load
 

@@ -37,7 +37,8 @@ from thruster_baselines.control.quaternions import attitude_error
 from thruster_baselines.control.rendezvous import RendezvousSettings
 from thruster_baselines.guidance import RendezvousPlanner
 from thruster_envs.faults import KINDS, FaultDistribution
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.health import effect_of
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -151,8 +152,9 @@ class Oracle(Blind):
         known = self._pilot.belief
         belief = ThrusterBelief.healthy(known.share.size)
         for slot in np.flatnonzero(truth["active"]):
-            stuck_on = KINDS[int(truth["kind"][slot]) - 1] == "stuck_on"
-            share = 1.0 if stuck_on else 1.0 - float(truth["severity"][slot])
+            effect = effect_of(KINDS[int(truth["kind"][slot]) - 1], float(truth["severity"][slot]))
+            stuck_on = effect.floor > 0.0
+            share = effect.floor if stuck_on else effect.slope * effect.gain
             belief = belief.changed(int(truth["thruster"][slot]), share=share, stuck_on=stuck_on)
         if (belief.share != known.share).any() or (belief.stuck_on != known.stuck_on).any():
             self._pilot.tell(belief)

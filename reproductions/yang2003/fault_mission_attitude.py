@@ -18,7 +18,7 @@ import numpy as np
 from reproductions.yang2003.fault_flights import PILOTS
 from reproductions.yang2003.rendezvous_flights import ENVIRONMENT
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["FLOWN_BY", "AttitudeFlights", "fly_with_attitude"]

@@ -85,9 +85,9 @@ def fire(duties: FloatArray) -> FloatArray:
     keys = np.zeros((len(flat), 2), np.uint64)
     keys[:, 0] = SEED + np.arange(len(flat))
     fleet.begin(fleet.everyone, keys, np.zeros(len(flat), np.uint64), fleet.plan(()))
-    fleet.write(fleet.layout.duties, flat[:, np.newaxis])
+    fleet.write(fleet.rows.duties, flat[:, np.newaxis])
     fleet.fly(move=False)
-    delivered = fleet.read(fleet.layout.delivered, COUNT)[:, 0]
+    delivered = fleet.read(fleet.rows.delivered, COUNT)[:, 0]
     return delivered.reshape(duties.shape) / ORION.control_period
 
 

@@ -27,8 +27,8 @@ from reproductions.yang2003.detection_study import (
     flights_of,
     record,
 )
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_baselines.detection.evaluate import Rate
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 
 ERRORS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 SCATTERS = (0.5, 0.75, 1.0, 1.25, 1.5, 2.0)

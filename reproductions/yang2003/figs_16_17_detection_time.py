@@ -35,7 +35,7 @@ from reproductions.yang2003.detection_study import (
 )
 from reproductions.yang2003.figs_14_15_detection_ratio import ERRORS, FACTORS, SCATTERS, THRESHOLDS
 from thruster_baselines.detection import EstimatorThreshold
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_envs.protocols import FloatArray
 
 GLR, ESTIMATE = "likelihood ratio", "estimate below threshold"

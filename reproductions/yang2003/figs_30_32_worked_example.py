@@ -16,9 +16,9 @@ from reproductions.figures import BLUE, INK, ORANGE, panels, save
 from reproductions.record import Effort, Finding, Reproduction, Table
 from reproductions.yang2003.detection_study import CONFIDENCE, EFFECTIVENESS, ERROR, THRUSTERS, measure
 from thruster_baselines.detection import GLRDetector, ModelComparison
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE
 from thruster_baselines.detection.evaluate import Rate
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE
 from thruster_envs.protocols import FloatArray
 
 FIRING = np.isin(np.arange(1, THRUSTERS + 1), (1, 6, 10, 12)).astype(np.float64)

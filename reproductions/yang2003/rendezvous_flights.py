@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import thruster_envs  # noqa: F401 - registers the environments
 from thruster_baselines.control import RendezvousCommandPolicy, RendezvousController, RendezvousSettings
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import VectorMapperAction

@@ -24,9 +24,9 @@ from reproductions.yang2003.detection_study import (
     random_on_times,
 )
 from thruster_baselines.detection import GLRDetector, ModelComparison
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE
 from thruster_baselines.detection.evaluate import Rate
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE
 from thruster_envs.protocols import FloatArray, IntArray
 
 FAULTS = {"off": 0.0, "25 % left": 0.25, "50 % left": 0.5, "stuck on": 1.0}

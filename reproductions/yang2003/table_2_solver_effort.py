@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 from reproductions.record import Effort, Finding, Reproduction, Table
 from reproductions.timing import call_times
 from reproductions.yang2003.coupling_study import CONDITIONS, commands
+from reproductions.yang2003.operations import count
 from thruster_baselines.mapping import LPMapper
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 def inverse_basis_operations(pivots: Array, flips: Array, axes: int, thrusters: int) -> Array:
     """Operations of the same pivots with an explicit inverse of the basis in place of the tableau.
 
-    Counted as in `thruster_baselines.mapping.operations`. Each round prices all thrusters by the multipliers
+    Counted as in `reproductions.yang2003.operations`. Each round prices all thrusters by the multipliers
     and makes the entering column from the inverse; each pivot updates the inverse.
     """
     m, n = axes, thrusters
@@ -119,7 +120,7 @@ def effort_of_a_solve(effort: Effort) -> Finding:
     """E01."""
     asked = commands("six axes", effort.samples)
     mapper = LPMapper("orion")
-    counted = mapper.operations(asked)
+    counted = count(mapper, asked)
     m, n = mapper.effectiveness.shape
     unit = mapper.slack_cost
     rows = np.hstack([unit[:, np.newaxis] * mapper.effectiveness, np.eye(m), -np.eye(m)])
@@ -190,7 +191,7 @@ def tableau_or_inverse(effort: Effort) -> Finding:
     m, n = mapper.effectiveness.shape
     saved = {}
     for condition in CONDITIONS:
-        counted = mapper.operations(commands(condition, effort.samples))
+        counted = count(mapper, commands(condition, effort.samples))
         pivots = counted.pivots, counted.flips, m, n
         tableau = thruster_tableau_operations(*pivots).mean()
         saved[condition] = float(1.0 - tableau / inverse_basis_operations(*pivots).mean())

@@ -266,7 +266,7 @@ def fly_missions(
             _begin(fleet, keys[which], sources[which] if len(sources) > 1 else sources)
             rows[which] = fleet.fault_rows()
             fly_whole(
-                fleet.data, fleet.faults, fleet.streams, fleet.vehicle, aims[which], gains,
+                fleet.arrays, fleet.sensor_faults, fleet.sensors_fail, fleet.vehicle, aims[which], gains,
                 attitude[which], measured_attitude[which], rate[which], measured_rate[which], pulses[which],
                 thrust[which],
             )  # fmt: skip

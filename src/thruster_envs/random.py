@@ -24,7 +24,7 @@ _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 
 #: Purposes: the high half of the last counter word, so that two uses of one step never share a draw.
-STEP, RESET, FAULTS, COMMAND, VALVES = 0, 1, 2, 3, 4
+STEP, RESET, FAULTS, COMMAND, VALVES, SENSOR_FAULTS, MEASUREMENT = 0, 1, 2, 3, 4, 5, 6
 
 
 @njit(forceinline=True)

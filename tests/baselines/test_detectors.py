@@ -400,3 +400,9 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
 def test_what_cannot_be_is_refused_in_one_line(call, line):
     with pytest.raises(ValueError, match=line):
         call()
+
+
+@pytest.mark.parametrize("detector", [CUSUMDetector, GLRDetector, GenericChiSquared, WindowedGLR])
+def test_a_setting_that_no_filter_has_is_refused_with_the_nearest(detector):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'nois'; did you mean 'noise'"):
+        detector("orion", 1.0, nois=10.0)

@@ -12,7 +12,7 @@ from thruster_baselines.detection import GLRDetector
 from thruster_baselines.estimation import MeasurementGate, PhysicalNoise
 from thruster_baselines.mapping import delivered_on_times
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")

@@ -22,7 +22,7 @@ from thruster_baselines.detection.residuals import (
 )
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.tasks import MarsRendezvous
 
 THRESHOLD = 0.0136

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.numpy_flight import NumpyFlight
 from tests.physics.flying import begin, scatter_draws
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Sensors, load
 
@@ -34,7 +34,7 @@ def test_a_healthy_flight_agrees_with_the_kernels_to_rounding(orion):
         motion.position += np.array([300.0, -20.0, 5.0])
         motion.rate += np.array([0.02, -0.01, 0.015])
     for step in range(PERIODS):
-        fleet.write(fleet.layout.duties, duties[step][:, np.newaxis])
+        fleet.write(fleet.rows.duties, duties[step][:, np.newaxis])
         fleet.fly()
         scatter = np.array([scatter_draws(SEED + world, step, 12) for world in range(WORLDS)])
         plain.fly(duties[step], scatter, np.zeros((WORLDS, 12)))
@@ -44,7 +44,7 @@ def test_a_healthy_flight_agrees_with_the_kernels_to_rounding(orion):
             (at.ATTITUDE, 4, plain.motion.attitude),
             (at.RATE, 3, plain.motion.rate),
             (at.IMPULSE, 6, plain.impulse),
-            (fleet.layout.delivered, 12, plain.delivered),
+            (fleet.rows.delivered, 12, plain.delivered),
             (at.MEASURED + 6, 4, plain.measured.attitude),
             (at.MEASURED_CHANGE, 6, plain.measured_change),
             (at.EXPECTED_CHANGE, 6, plain.expected_change),

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.numpy_formation import NumpyFormation
 from tests.tasks.flying import begin
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import Sensors, load
 from thruster_envs.tasks import FormationAttitude
 
@@ -31,7 +31,7 @@ def test_a_formation_without_sensor_noise_agrees_with_the_compiled_one_to_roundi
             (at.ATTITUDE, 4, plain.attitude),
             (at.RATE, 3, plain.rate),
             (at.MEASURED + 6, 4, plain.measured_attitude),
-            (at.SCALARS, 6, plain.asked),
+            (at.DUTIES, 6, plain.asked),
         ):
             np.testing.assert_allclose(own, fleet.read(row, count), rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(plain.terms.sum(axis=-1), step.rewards, rtol=0.0, atol=1e-9)

@@ -26,6 +26,12 @@ FULL = FaultDistribution(
     thrusters=(2, 5, 12),
     onset_grid=5.0,
     shared=True,
+    sensor_probability=0.4,
+    sensors=("attitude", "rate"),
+    sensor_kinds={"bias": 2.0, "freeze": 1.0},
+    sensor_count=(1, 2),
+    sensor_severity={"rate": {"bias": (-0.01, 0.02)}},
+    sensor_axes=(0, 3),
 )
 
 
@@ -53,9 +59,11 @@ def test_table_holds_ranges_as_lower_end_and_width():
 def test_table_holds_weights_as_cumulative_shares_that_end_at_one():
     table = FULL.encode()
     np.testing.assert_array_equal(
-        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+        table[layout.KIND_CUMULATIVE : layout.SEVERITY_LOW], [0.25, 0.25] + [1] * (len(KINDS) - 2)
     )
-    np.testing.assert_array_equal(table[layout.PROFILE_CUMULATIVE : layout.NUMBER_OF_CHOICES], [0.5, 1, 1, 1])
+    np.testing.assert_array_equal(
+        table[layout.PROFILE_CUMULATIVE : layout.SENSOR_PROBABILITY], [0.5, 1, 1, 1]
+    )
 
 
 def test_kind_without_weight_is_never_the_first_above_a_draw():
@@ -145,6 +153,34 @@ BAD = {
     "count of 401 digits": ({"count": (1, 10**400)}, "count, entry 2 must be a whole number of 64 bits"),
     "weight beyond floats": ({"kinds": {"loss": 10**400}}, "kinds, 'loss' must be within +/-1.8e+308"),
     "kinds as text": ({"kinds": "loss"}, "kinds is 'loss'; a list would be right"),
+    "sensor probability above 1": (
+        {"sensor_probability": 1.1},
+        "sensor_probability is 1.1; a number from 0 to 1",
+    ),
+    "no sensor": ({"sensors": ("gyro",)}, "sensor 'gyro' is unknown; known are position, velocity"),
+    "no sensors": ({"sensors": ()}, "sensors is (); at least one sensor, or None,"),
+    "sensor twice": ({"sensors": ("rate", "rate")}, "sensors is ('rate', 'rate'); each sensor once"),
+    "kind of a thruster": (
+        {"sensor_kinds": ("leak",)},
+        "kind 'leak' is a fault of an actuator; of a sensor it must be one of bias, drift",
+    ),
+    "kind of a sensor": (
+        {"kinds": ("freeze",)},
+        "kind 'freeze' is a fault of a sensor; of an actuator it must be one of stuck_off",
+    ),
+    "fourth axis": (
+        {"sensor_axes": (1, 4)},
+        "sensor_axes must be numbers from 0 to 3, each once, got (1, 4)",
+    ),
+    "sensor beyond reach": (
+        {"sensor_severity": {"attitude": {"bias": (0.0, 4.0)}}},
+        "severity of a 'bias' fault of the attitude sensor must be from -3.142 to 3.142 rad, got 4.0",
+    ),
+    "severity of no sensor": (
+        {"sensor_severity": {"rte": {}}},
+        "sensor 'rte' is unknown; did you mean 'rate'?",
+    ),
+    "sensor count from 0": ({"sensor_count": (0, 1)}, "sensor_count is (0, 1); a range of numbers from 1"),
     "negative grid": ({"onset_grid": -1.0}, "onset_grid is -1.0; a finite number of s, zero or more"),
 }
 
@@ -174,6 +210,10 @@ def test_everything_a_user_may_pass():
     assert as_faults(FULL) is FULL
     assert as_faults({"probability": 0.5}) == FaultDistribution()
     assert as_faults({"kinds": ["loss"]}) == FaultDistribution(kinds=("loss",))
+    assert as_faults({"actuator": 1, "kind": "loss", "severity": 0.5}) == (fault,)
+    noise = {"sensor": "rate", "axis": 2, "kind": "bias", "severity": -0.01}
+    assert as_faults([noise, mapping]) == (Fault(sensor="rate", axis=2, kind="bias", severity=-0.01), fault)
+    assert as_faults({"sensor_probability": 0.5}) == FaultDistribution(sensor_probability=0.5)
 
 
 @pytest.mark.parametrize(
@@ -188,6 +228,12 @@ def test_everything_a_user_may_pass():
         (3, "faults is 3; a Fault, a FaultDistribution"),
         ({}, "a mapping with 'thruster' and 'kind', or one with 'probability', would be right"),
         ({"thruster": 1}, "faults: the key 'kind' is missing"),
+        ({"sensor": "rate"}, "faults: the key 'kind' is missing"),
+        ({"kind": "loss"}, "faults: a fault must have a thruster or a sensor, got neither"),
+        (
+            {"thruster": 1, "actuator": 1, "kind": "loss"},
+            "faults: 'thruster' and 'actuator' are two names of one number; give one",
+        ),
         (
             {"thruster": 1, "kind": "loss", "sevrity": 1},
             "faults: unknown key 'sevrity'; did you mean 'severity'?",

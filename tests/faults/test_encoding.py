@@ -8,7 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.faults.strategies import faults
-from thruster_envs.faults import FAULT_FIELDS, KINDS, PROFILES, Fault, decode, encode, encoding
+from thruster_envs.faults import (
+    FAULT_FIELDS,
+    KINDS,
+    PROFILES,
+    SENSOR_KINDS,
+    SENSORS,
+    Fault,
+    decode,
+    encode,
+    encoding,
+)
 
 
 def test_row_has_the_columns_in_the_stated_order():
@@ -28,7 +38,7 @@ def test_row_has_the_columns_in_the_stated_order():
     rows = encode([fault], number_of_craft=2, number_of_thrusters=12, slots=3)
     assert rows.shape == (2, 3, len(FAULT_FIELDS))
     assert rows.dtype == np.float64
-    np.testing.assert_array_equal(rows[1, 0], [4, 6, 0.25, 100.0, 150.0, 2, 30.0, 0.4, 1.5, 1])
+    np.testing.assert_array_equal(rows[1, 0], [4, 6, 0.25, 100.0, 150.0, 2, 30.0, 0.4, 1.5, 1, 0, 0, 0])
     assert np.count_nonzero(rows) == 10
 
 
@@ -38,10 +48,16 @@ def test_constants_are_the_places_of_the_names():
         ("end", encoding.FIELD_END),
         ("azimuth", encoding.FIELD_AZIMUTH),
         ("shared", encoding.FIELD_SHARED),
+        ("branch", encoding.FIELD_BRANCH),
+        ("sensor", encoding.FIELD_SENSOR),
+        ("axis", encoding.FIELD_AXIS),
     ):
         assert FAULT_FIELDS[index] == field
     for kind in KINDS:
         assert KINDS[getattr(encoding, kind.upper()) - 1] == kind
+    for kind in SENSOR_KINDS:
+        assert SENSOR_KINDS[getattr(encoding, f"SENSOR_{kind.upper()}") - 1] == kind
+    assert [SENSORS[getattr(encoding, name.upper()) - 1] for name in SENSORS] == list(SENSORS)
     assert [
         PROFILES[code] for code in (encoding.STEP, encoding.RAMP, encoding.SINE, encoding.SQUARE)
     ] == list(PROFILES)
@@ -101,7 +117,26 @@ def test_more_faults_than_slots_are_refused():
 
 
 def test_rows_that_hold_no_fault_are_refused():
-    with pytest.raises(ValueError, match=r"shape \(10,\)"):
-        decode(np.zeros(10))
-    with pytest.raises(ValueError, match="craft 1, slot 2: kind 12"):
-        decode([[0.0] * 10, [12.0] + [0.0] * 9])
+    with pytest.raises(ValueError, match=r"shape \(13,\)"):
+        decode(np.zeros(13))
+    with pytest.raises(ValueError, match="craft 1, slot 2: kind 99 is no code; it must be from 1 to"):
+        decode([[0.0] * 13, [99.0] + [0.0] * 12])
+    with pytest.raises(ValueError, match="craft 1, slot 1: sensor 9 is no code; it must be from 0 to 4"):
+        decode([[1.0] + [0.0] * 10 + [9.0, 0.0]])
+
+
+def test_a_fault_of_a_sensor_says_which_and_which_axis():
+    fault = Fault(sensor="rate", axis=2, kind="drift", severity=-1e-4, onset=5.0)
+    row = encode([fault], 1, 12, 1)[0, 0]
+    assert (row[encoding.FIELD_KIND], row[encoding.FIELD_THRUSTER]) == (encoding.SENSOR_DRIFT, -1)
+    assert (row[encoding.FIELD_SENSOR], row[encoding.FIELD_AXIS]) == (encoding.RATE, 2)
+    assert decode([row]) == [fault]
+
+
+def test_the_redundant_branch_has_a_column_of_its_own():
+    fault = Fault(11, "leak", severity=0.3)
+    row = encode([fault], 1, 8, 1, spare=8)[0, 0]
+    assert (row[encoding.FIELD_THRUSTER], row[encoding.FIELD_BRANCH]) == (2, encoding.REDUNDANT)
+    assert decode([row], number_of_thrusters=8) == [fault]
+    with pytest.raises(ValueError, match="on the redundant branch; number_of_thrusters must be given"):
+        decode([row])

@@ -18,12 +18,16 @@ from thruster_envs.faults import (
     KINDS,
     MODULATOR_KINDS,
     PROFILES,
+    SENSOR_KINDS,
+    SENSORS,
+    THRUSTER_KINDS,
     Fault,
     FaultDistribution,
     as_faults,
     decode,
     encode,
 )
+from thruster_envs.faults.kinds import ACTUATOR_TABLE, SENSOR_TABLE
 
 
 def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
@@ -32,7 +36,10 @@ def test_kinds_and_profiles_keep_their_order_since_it_is_their_code():
     )  # fmt: skip
     assert DISCHARGE_KINDS == ("propellant_loss", "electrode_sediment", "conductivity_loss")
     assert MODULATOR_KINDS == ("slow_opening",)
-    assert KINDS == GENERAL_KINDS + DISCHARGE_KINDS + MODULATOR_KINDS
+    assert KINDS[:13] == (*GENERAL_KINDS, *DISCHARGE_KINDS, *MODULATOR_KINDS, "sign", "bias")
+    assert (*GENERAL_KINDS, "sign", "bias") == THRUSTER_KINDS
+    assert SENSOR_KINDS == ("bias", "drift", "scale", "freeze", "spike", "drop_out")
+    assert SENSORS == ("position", "velocity", "attitude", "rate")
     assert PROFILES == ("step", "ramp", "sine", "intermittent")
 
 
@@ -55,6 +62,46 @@ def test_every_kind_can_be_had_by_its_name_alone(kind):
     assert (
         Fault(1, kind, severity=low).severity <= Fault(1, kind, severity=high).severity <= fault.severity * 2
     )
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("kind", SENSOR_KINDS)
+def test_every_kind_of_a_sensor_can_be_had_by_its_name_alone(kind, sensor):
+    fault = Fault(sensor=sensor, kind=kind)
+    assert (fault.thruster, fault.axis) == (0, 0)
+    assert fault.severity > 0.0
+    mapping = {"sensor": sensor, "kind": kind}
+    assert as_faults(mapping) == as_faults([mapping]) == as_faults(fault) == (fault,)
+    assert as_faults(json.loads(json.dumps(dataclasses.asdict(fault)))) == (fault,)
+    assert decode(encode([fault], 1, 8, slots=2)) == [fault]
+    for again in (pickle.loads(pickle.dumps(fault)), copy.deepcopy(fault), dataclasses.replace(fault)):
+        assert again == fault
+        assert hash(again) == hash(fault)
+    low, high = FaultDistribution().sensor_severity[sensor][kind]
+    assert Fault(sensor=sensor, kind=kind, severity=low).severity <= high
+
+
+def test_errors_of_a_sensor_have_a_sign():
+    for kind in ("bias", "drift", "scale"):
+        assert Fault(sensor="rate", kind=kind, severity=-0.5).severity == -0.5
+    for kind in ("spike", "drop_out", "freeze"):
+        with pytest.raises(ValueError, match=f"severity of a '{kind}' fault of the rate sensor must be"):
+            Fault(sensor="rate", kind=kind, severity=-0.5)
+
+
+def test_an_actuator_is_another_name_of_a_thruster():
+    fault = Fault(actuator=3, kind="loss", severity=0.5)
+    assert fault == Fault(3, "loss", severity=0.5)
+    assert fault.actuator == fault.thruster == 3
+    assert dataclasses.replace(fault, thruster=5) == Fault(5, "loss", severity=0.5)
+    with pytest.raises(ValueError, match="thruster and actuator are two names of one number; only one"):
+        Fault(1, "loss", actuator=2)
+
+
+def test_the_docstring_says_what_each_severity_means():
+    for table in (ACTUATOR_TABLE, SENSOR_TABLE):
+        for one in table:
+            assert f"- `{one.name}`: {one.meaning}." in Fault.__doc__
 
 
 def test_fault_is_total_at_once_and_for_good_unless_told_otherwise():
@@ -162,6 +209,43 @@ BAD = {
     ),
     "no dwell": ({"dwell": 0.0}, "dwell is 0.0; a share above 0 and up to 1 would be right"),
     "dwell above 1": ({"dwell": 1.1}, "dwell is 1.1; a share above 0 and up to 1"),
+    "thruster and sensor": (
+        {"sensor": "rate", "kind": "bias"},
+        "a fault must be of a thruster or of a sensor, got thruster 1 and sensor 'rate'",
+    ),
+    "fourth axis": (
+        {"thruster": 0, "sensor": "rate", "kind": "bias", "axis": 4},
+        "axis must be 1, 2 or 3, or 0 for all three, got 4",
+    ),
+    "axis of a thruster": ({"axis": 2}, "axis must be 0 where no sensor is given, got 2"),
+    "kind of a sensor": (
+        {"kind": "drop_out"},
+        "kind 'drop_out' is a fault of a sensor; of an actuator it must be one of stuck_off, stuck_on",
+    ),
+    "kind of a thruster": (
+        {"thruster": 0, "sensor": "rate", "kind": "leak"},
+        "kind 'leak' is a fault of an actuator; of the rate sensor it must be one of bias, drift, scale",
+    ),
+    "no sensor": (
+        {"thruster": 0, "sensor": "ratee", "kind": "bias"},
+        "sensor 'ratee' is unknown; did you mean 'rate'?",
+    ),
+    "turned too far": (
+        {"thruster": 0, "sensor": "attitude", "kind": "bias", "severity": 4.0},
+        "severity of a 'bias' fault of the attitude sensor must be from -3.142 to 3.142 rad, got 4.0",
+    ),
+    "frozen in part": (
+        {"thruster": 0, "sensor": "rate", "kind": "freeze", "severity": 0.5},
+        "severity of a 'freeze' fault of the rate sensor must be 1, all of the measurement, got 0.5",
+    ),
+    "frozen by and by": (
+        {"thruster": 0, "sensor": "rate", "kind": "freeze", "profile": "ramp", "profile_time": 1.0},
+        "profile of a 'freeze' fault must be 'step' or 'intermittent', got 'ramp'",
+    ),
+    "sensor on a capacitor": (
+        {"thruster": 0, "sensor": "rate", "kind": "bias", "shared": True},
+        "shared must be False for a fault of a sensor, got True",
+    ),
     "infinite azimuth": ({"azimuth": math.inf}, "azimuth is inf; a finite number of rad would be right"),
 }
 

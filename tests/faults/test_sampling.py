@@ -10,9 +10,10 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from thruster_envs.faults import GENERAL_KINDS, Fault, FaultDistribution, decode
+from thruster_envs.faults import GENERAL_KINDS, SENSOR_KINDS, SENSORS, Fault, FaultDistribution, decode
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.faults.encoding import FAULT_FIELDS
+from thruster_envs.faults.kinds import drawn_severity
 from thruster_envs.faults.record import KINDS, PROFILES
 from thruster_envs.faults.sampling import draw_faults
 
@@ -192,3 +193,68 @@ def test_consecutive_episodes_draw_independently():
     """Whether a world draws a fault in one episode says nothing of the next."""
     first, second = (np.array([bool(world) for world in drawn(episode=episode)]) for episode in (0, 1))
     assert abs(np.corrcoef(first, second)[0, 1]) < 4.0 / math.sqrt(WORLDS)
+
+
+# ---- Faults of sensors -------------------------------------------------------------------------------------
+
+SENSING = {
+    "probability": 0.0, "sensor_probability": 1.0, "onset": (10.0, 90.0), "duration": (5.0, 25.0),
+    "profile_time": (10.0, 30.0), "profiles": PROFILES,
+}  # fmt: skip
+
+
+def test_sensors_fail_with_a_probability_of_their_own():
+    worlds = drawn(probability=0.3, sensor_probability=0.6)
+    both = [({one.sensor is None for one in world}) for world in worlds]
+    for share, whose in ((0.3, True), (0.6, False)):
+        count = sum(whose in one for one in both)
+        assert abs(count - share * WORLDS) < 4.0 * math.sqrt(share * (1.0 - share) * WORLDS)
+    together = sum(len(one) == 2 for one in both)
+    assert abs(together - 0.18 * WORLDS) < 4.0 * math.sqrt(0.18 * 0.82 * WORLDS)
+
+
+def test_faults_of_sensors_leave_those_of_thrusters_as_they_are():
+    law = {"probability": 0.7, "count": (1, 2), "onset": (0.0, 100.0), "profiles": PROFILES}
+    alone = drawn(worlds=500, **law)
+    beside = drawn(worlds=500, sensor_probability=0.8, sensor_count=(1, 2), **law)
+    assert [[one for one in world if one.sensor is None] for world in beside] == alone
+
+
+def test_sensors_axes_and_kinds_are_equally_likely():
+    faults = every(drawn(**SENSING))
+    assert len(faults) == WORLDS
+    assert {one.thruster for one in faults} == {0}
+    assert_shares([one.sensor for one in faults], dict.fromkeys(SENSORS, 0.25))
+    assert_shares([one.axis for one in faults], dict.fromkeys((1, 2, 3), 1 / 3))
+    assert_shares([one.kind for one in faults], dict.fromkeys(SENSOR_KINDS, 1 / 6))
+    freezes = [one.profile for one in faults if one.kind == "freeze"]
+    assert_shares(freezes, {"step": 0.75, "intermittent": 0.25})
+    assert_uniform([one.onset for one in faults], 10.0, 90.0)
+    assert_uniform([one.duration for one in faults], 5.0 - 1e-9, 25.0)
+
+
+def test_what_is_asked_of_sensors_is_drawn():
+    law = SENSING | {
+        "sensors": ("rate",), "sensor_axes": (0, 2), "sensor_kinds": {"bias": 3.0, "spike": 1.0},
+        "sensor_severity": {"rate": {"bias": (-0.02, 0.01)}}, "sensor_count": (1, 3),
+    }  # fmt: skip
+    worlds = drawn(**law)
+    faults = every(worlds)
+    assert_shares([len(world) for world in worlds], {1: 1 / 3, 2: 1 / 3, 3: 1 / 3})
+    assert {one.sensor for one in faults} == {"rate"}
+    assert_shares([one.axis for one in faults], {0: 0.5, 2: 0.5})
+    assert_shares([one.kind for one in faults], {"bias": 0.75, "spike": 0.25})
+    assert_uniform([one.severity for one in faults if one.kind == "bias"], -0.02, 0.01)
+    assert_uniform([one.severity for one in faults if one.kind == "spike"], 0.01, 0.1)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_severities_of_sensors_are_uniform_over_their_ranges(sensor):
+    faults = every(drawn(**SENSING | {"sensors": (sensor,), "profiles": ("step",)}))
+    for kind in SENSOR_KINDS:
+        values = [one.severity for one in faults if one.kind == kind]
+        low, high = drawn_severity(kind, sensor)
+        if low == high:
+            assert set(values) == {low}
+        else:
+            assert_uniform(values, low, high)

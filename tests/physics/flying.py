@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.faults.record import GENERAL_KINDS, PROFILES
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Feed, Sensors, Spacecraft, Thruster
 
@@ -193,9 +193,9 @@ def fly(
     fleet.look(fleet.everyone)
     states, impulses, delivered = [], [], []
     for row in duties:
-        fleet.write(fleet.layout.duties, row)
+        fleet.write(fleet.rows.duties, row)
         fleet.fly()
         states.append(fleet.read(0, 14)[0, 0])
         impulses.append(fleet.read(at.IMPULSE, 6)[0, 0])
-        delivered.append(fleet.read(fleet.layout.delivered, fleet.layout.thrusters)[0, 0])
+        delivered.append(fleet.read(fleet.rows.delivered, fleet.rows.thrusters)[0, 0])
     return Flown(fleet, np.array(states), np.array(impulses), np.array(delivered))

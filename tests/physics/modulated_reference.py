@@ -93,6 +93,8 @@ class Line:
         for fault in self._active(within):
             if fault.kind == "loss":
                 gain = gain * (1.0 - np.array([fault.severity(t) for t in times]))
+            if fault.kind == "sign":
+                gain = gain * (1.0 - 2.0 * np.array([fault.severity(t) for t in times]))
         return gain
 
     def corners(self, end: float) -> list[float]:
@@ -147,7 +149,7 @@ def lines(
         pulses, lags = [], []
         for k in range(periods):
             start = k * period
-            on_time = duties[k, i] * period
+            on_time = min(1.0, duties[k, i] + _severity(own, "bias", start)) * period
             on_time = on_time if on_time >= thruster.minimum_pulse else 0.0
             opens, closes = start + late_by[k, i], start + late_by[k, i] + on_time
             opens += thruster.opening_delay

@@ -43,6 +43,8 @@ Readings chosen where the model could be read in more than one way:
     feed.propellant_mass`; then nothing flows, leaks and stuck-on valves included.
 13. Fault times count from the start of the flight. Before it all valves are closed, at level 0, and nothing
     was commanded.
+14. A bias adds to the duty of the commands that are given while it acts, up to 1; so where nothing is
+    commanded, it is a command.
 """
 
 from __future__ import annotations
@@ -426,8 +428,8 @@ class Firing:
 
         all_lines = []
         for index, (thruster, valve) in enumerate(zip(self.spacecraft.thrusters, self.valves, strict=True)):
-            opening_delay = thruster.opening_delay + self.late_opening(index, period_start)
-            on_time = float(duties[index]) * period
+            opening_delay = thruster.opening_delay + self.summed("late_opening", index, period_start)
+            on_time = min(1.0, float(duties[index]) + self.summed("bias", index, period_start)) * period
             valve.command(on_time, period, thruster.minimum_pulse, opening_delay, thruster.closing_delay)
             lines = valve_level(valve.level, valve.open_stretches(), thruster.rise_time, thruster.fall_time)
             # A jump at the very end of the period belongs to the next one.
@@ -462,12 +464,12 @@ class Firing:
             pieces += piece.cut_where_the_feed_gives_out()
         return pieces
 
-    def late_opening(self, index: int, time: float) -> float:
-        """Further opening delay (s) of a command that a thruster gets at a time (s of the flight)."""
+    def summed(self, kind: str, index: int, time: float) -> float:
+        """Severities of the faults of a kind that act on a command given at a time (s of the flight)."""
         return sum(
             ActiveFault(fault, 0.0, time).severity(time)
             for fault in self.faults
-            if fault.kind == "late_opening" and fault.thruster == index + 1 and is_active(fault, time)
+            if fault.kind == kind and fault.thruster == index + 1 and is_active(fault, time)
         )
 
 
@@ -526,6 +528,8 @@ class Piece:
         gains = np.ones(self.thrusters.number)
         for fault in self.of_kind("loss"):
             gains[fault.index] *= 1.0 - fault.severity(time)
+        for fault in self.of_kind("sign"):
+            gains[fault.index] *= 1.0 - 2.0 * fault.severity(time)
         return gains
 
     def directions(self, time: float) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.relative_orbit import orbit_radius
@@ -59,7 +59,7 @@ def by_kernels(craft, position, velocity, quaternion, rate, duties):
     for row, values in zip(rows, (position, velocity, quaternion, rate), strict=True):
         fleet.write(row, values[np.newaxis, np.newaxis])
     for row in duties:
-        fleet.write(fleet.layout.duties, row[np.newaxis, np.newaxis])
+        fleet.write(fleet.rows.duties, row[np.newaxis, np.newaxis])
         fleet.fly()
     position, velocity, quaternion, rate = (
         fleet.read(row, size)[0, 0] for row, size in zip(rows, (3, 3, 4, 3), strict=True)

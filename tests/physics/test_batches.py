@@ -8,7 +8,7 @@ import pytest
 from tests.physics.flying import Array, begin, random_duties, random_vehicle
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.faults.record import GENERAL_KINDS, PROFILES
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -64,9 +64,9 @@ def flown(
     n = spacecraft.number_of_thrusters
     duties = np.array([duties_of(first + world, periods, n) for world in range(worlds)])
     for period in range(periods):
-        fleet.write(fleet.layout.duties, np.broadcast_to(duties[:, period, None], (worlds, craft, n)))
+        fleet.write(fleet.rows.duties, np.broadcast_to(duties[:, period, None], (worlds, craft, n)))
         fleet.fly()
-    return fleet.read(0, fleet.layout.fields)
+    return fleet.read(0, fleet.rows.fields)
 
 
 @pytest.mark.parametrize("name", ["orion", "slow_valves"])
@@ -104,14 +104,14 @@ def test_a_fleet_put_back_to_an_earlier_state_flies_the_same_again():
     begin(fleet, FAULTS, seed=SEED)
     duties = duties_of(0, 40, 9)
     for row in duties[:20]:
-        fleet.write(fleet.layout.duties, row)
+        fleet.write(fleet.rows.duties, row)
         fleet.fly()
     halfway = fleet.state()
     ends = []
     for _ in range(2):
         fleet.restore(halfway)
         for row in duties[20:]:
-            fleet.write(fleet.layout.duties, row)
+            fleet.write(fleet.rows.duties, row)
             fleet.fly()
         ends.append(fleet.state()["data"])
     assert np.array_equal(ends[0], ends[1])
@@ -123,9 +123,9 @@ def test_worlds_and_episodes_with_other_numbers_differ():
     for seed, episode in ((1, 0), (2, 0), (1, 1)):
         fleet = Fleet(spacecraft, 1)
         begin(fleet, seed=seed, episode=episode)
-        fleet.write(fleet.layout.duties, np.full(12, 0.3))
+        fleet.write(fleet.rows.duties, np.full(12, 0.3))
         fleet.fly()
-        ends.append(fleet.read(0, at.SCALARS)[0, 0])
+        ends.append(fleet.read(0, at.DUTIES)[0, 0])
     for other in ends[1:]:
         assert not np.any(np.isclose(ends[0][at.IMPULSE : at.LOST], other[at.IMPULSE : at.LOST], rtol=1e-12))
         assert not np.any(ends[0][at.MEASURED : at.MEASURED + 3] == other[at.MEASURED : at.MEASURED + 3])

@@ -22,8 +22,7 @@ from tests.physics.flying import (
     with_valves,
 )
 from tests.physics.reference_flight import delivered_impulse
-from thruster_envs.faults import Fault
-from thruster_envs.faults.record import GENERAL_KINDS
+from thruster_envs.faults import THRUSTER_KINDS, Fault
 from thruster_envs.spacecraft import Feed, Spacecraft, Thruster, load
 
 PERIOD = 5.0
@@ -73,10 +72,10 @@ def agrees_with_the_referee(spacecraft: Spacecraft, duties: Array, faults: list[
 
 @pytest.mark.parametrize("valve_dynamics", [False, True], ids=["plain_valves", "slow_valves"])
 @pytest.mark.parametrize("profile", ["step", "intermittent", "ramp"])
-@pytest.mark.parametrize("kind", GENERAL_KINDS)
+@pytest.mark.parametrize("kind", THRUSTER_KINDS)
 def test_the_impulse_under_one_fault_is_exact_at_every_substep(kind, profile, valve_dynamics):
     """With coupling, scatter, delays and ramps of the valves: at most three factors move at a time."""
-    rng = np.random.default_rng([GENERAL_KINDS.index(kind), len(profile), valve_dynamics])
+    rng = np.random.default_rng([THRUSTER_KINDS.index(kind), len(profile), valve_dynamics])
     spacecraft = random_vehicle(rng, valve_dynamics=valve_dynamics, thrusters=5)
     faults = random_faults(rng, spacecraft, number=1, kinds=[kind], profiles=[profile])
     agrees_with_the_referee(spacecraft, random_duties(rng, 10, 5), faults, 1e-12)
@@ -93,10 +92,10 @@ def test_the_impulse_under_several_faults_is_exact_at_every_substep(draw, valve_
     agrees_with_the_referee(spacecraft, duties, faults, 1e-12)
 
 
-@pytest.mark.parametrize("kind", ["stuck_off", "stuck_on", "loss", "leak"])
+@pytest.mark.parametrize("kind", ["stuck_off", "stuck_on", "loss", "leak", "sign"])
 def test_a_sine_alone_has_its_exact_impulse(kind):
     """Without coupling and moving levels; with these the product converges as the sub-step shrinks."""
-    rng = np.random.default_rng(GENERAL_KINDS.index(kind))
+    rng = np.random.default_rng(THRUSTER_KINDS.index(kind))
     spacecraft = random_vehicle(rng, valve_dynamics=False, thrusters=4)
     spacecraft = spacecraft.replace(feed=Feed(propellant_mass=3.0))
     faults = random_faults(rng, spacecraft, number=2, kinds=[kind], profiles=["sine"])

@@ -16,14 +16,14 @@ from tests.physics.closed_forms import product, rotation_matrix
 from tests.physics.flying import begin, fly, random_duties, random_faults
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.faults.record import GENERAL_KINDS, MODULATOR_KINDS, PROFILES
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.modulated_flight import falling
 from thruster_envs.spacecraft import Modulator, Sensors, load
 
 CHASER = load("msr_chaser")
 PERIOD = CHASER.control_period
-KINDS = GENERAL_KINDS + MODULATOR_KINDS
+KINDS = (*GENERAL_KINDS, *MODULATOR_KINDS, "sign", "bias")
 MARS = CHASER.gravitational_parameter
 N = CHASER.mean_motion
 UPRIGHT = (0.5, 0.5, 0.5, -0.5)
@@ -134,10 +134,10 @@ def isolated(faults, shut, duties, seed=4):
     fleet.look(fleet.everyone)
     rows = []
     for told, closed in zip(duties, shut, strict=True):
-        fleet.write(fleet.layout.duties, told)
-        fleet.write(fleet.layout.inhibited, closed.astype(float))
+        fleet.write(fleet.rows.duties, told)
+        fleet.write(fleet.rows.inhibited, closed.astype(float))
         fleet.fly()
-        rows.append(fleet.read(fleet.layout.delivered, 8)[0, 0])
+        rows.append(fleet.read(fleet.rows.delivered, 8)[0, 0])
     return np.array(rows)
 
 
@@ -214,9 +214,9 @@ def test_the_motion_is_that_of_an_independent_solver():
         fleet = Fleet(CHASER, 1, nonlinear=True, max_substep=max_substep)
         begin(fleet, seed=21)
         fleet.write(0, [start])
-        fleet.write(fleet.layout.push, push)
+        fleet.write(fleet.rows.push, push)
         for told in duties:
-            fleet.write(fleet.layout.duties, told)
+            fleet.write(fleet.rows.duties, told)
             fleet.fly()
         errors.append(np.abs(fleet.read(0, 13)[0, 0] - exact))
     # m, m/s, 1, rad/s: at the period as the only sub-step a ten thousandth of the noise of the LIDAR
@@ -265,21 +265,21 @@ def test_what_is_true_of_a_craft_may_differ_from_the_description():
     fleet = Fleet(CHASER, 2)
     begin(fleet)
     fleet.write(at.ATTITUDE, [UPRIGHT])
-    columns = fleet.read(fleet.layout.columns, 48)
+    columns = fleet.read(fleet.rows.columns, 48)
     columns[1] *= 1.1
-    fleet.write(fleet.layout.columns, columns)
+    fleet.write(fleet.rows.columns, columns)
     mass = np.full((2, 1, 1), 1500.0)
     mass[1] = 1200.0
     fleet.write(at.MASS, mass)
     impulse = np.zeros((2, 6))
-    fleet.write(fleet.layout.duties, [[1.0, 1.0, 0, 0, 0, 0, 1.0, 1.0]])
+    fleet.write(fleet.rows.duties, [[1.0, 1.0, 0, 0, 0, 0, 1.0, 1.0]])
     for _ in range(3):
         fleet.fly()
         impulse += fleet.read(at.IMPULSE, 6)[:, 0]
     velocity = fleet.read(at.VELOCITY, 3)[:, 0]
     assert velocity[0, 1] == pytest.approx(impulse[0, 0] / 1500.0, rel=1e-4)
     assert velocity[1, 1] == pytest.approx(impulse[1, 0] / 1200.0, rel=1e-4)
-    delivered = fleet.read(fleet.layout.delivered, 8)[:, 0]
+    delivered = fleet.read(fleet.rows.delivered, 8)[:, 0]
     np.testing.assert_allclose(
         fleet.read(at.IMPULSE, 6)[:, 0], (delivered @ CHASER.wrenches().T) * [[1.0], [1.1]], atol=1e-12
     )
@@ -291,7 +291,7 @@ def test_expected_change_is_that_of_the_nominal_delay_and_lag():
     begin(fleet)
     seen = []
     for duty in (1.0, 0.0, 0.0, 0.0):
-        fleet.write(fleet.layout.duties, [[duty, 0, 0, 0, 0, 0, 0, 0]])
+        fleet.write(fleet.rows.duties, [[duty, 0, 0, 0, 0, 0, 0, 0]])
         fleet.fly()
         seen.append(fleet.read(at.EXPECTED_CHANGE, 6)[0, 0])
     column = CHASER.effectiveness()[:, 0]
@@ -313,10 +313,10 @@ def flown(worlds, *, first=0, threads=None, periods=60):
     rng = [np.random.default_rng([first + world, 1]) for world in range(worlds)]
     duties = np.array([random_duties(one, periods, 8) for one in rng])
     for period in range(periods):
-        fleet.write(fleet.layout.duties, duties[:, period, None])
-        fleet.write(fleet.layout.inhibited, (duties[:, period, None] > 0.97).astype(float))
+        fleet.write(fleet.rows.duties, duties[:, period, None])
+        fleet.write(fleet.rows.inhibited, (duties[:, period, None] > 0.97).astype(float))
         fleet.fly()
-    return fleet.read(0, fleet.layout.fields)[:, 0]
+    return fleet.read(0, fleet.rows.fields)[:, 0]
 
 
 def test_a_world_in_a_batch_is_the_world_alone_on_any_number_of_threads():

@@ -9,9 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.physics.flying import begin, scatter_draws
-from thruster_envs.faults import Fault, FaultDistribution
-from thruster_envs.faults.record import DISCHARGE_KINDS, GENERAL_KINDS, PROFILES
-from thruster_envs.physics import layout as at
+from thruster_envs.faults import DISCHARGE_KINDS, PROFILES, THRUSTER_KINDS, Fault, FaultDistribution
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.plasma_pulse import PulseMap
 from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS, PulsedFleet
 from thruster_envs.spacecraft import load
@@ -36,7 +35,7 @@ def fire(fleet, *thrusters, periods=1):
     duties[[one - 1 for one in thrusters]] = 1.0
     impulses = []
     for _ in range(periods):
-        fleet.write(fleet.layout.duties, duties)
+        fleet.write(fleet.rows.duties, duties)
         fleet.fly()
         impulses.append(fleet.read(at.IMPULSE + 3, 3)[0, 0])
     return np.array(impulses)
@@ -44,7 +43,7 @@ def fire(fleet, *thrusters, periods=1):
 
 def shares(fleet):
     """What each thruster gave in the last period, over the nominal impulse."""
-    return fleet.read(fleet.layout.delivered, 6)[0, 0] / 0.016
+    return fleet.read(fleet.rows.delivered, 6)[0, 0] / 0.016
 
 
 def test_a_firing_gives_its_impulse_at_once_and_about_its_axis():
@@ -88,7 +87,7 @@ def test_turning_agrees_with_an_independent_integration():
             choice = generator.integers(3)
             if choice:
                 duties[2 * pair + choice - 1] = 1.0
-        fleet.write(fleet.layout.duties, duties)
+        fleet.write(fleet.rows.duties, duties)
         fleet.fly()
         state[4:] += np.linalg.solve(inertia, torques @ duties)
         state = solve_ivp(motion, (k, k + 1.0), state, method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
@@ -121,7 +120,7 @@ def test_thrusters_on_one_capacitor_never_fire_together():
     fleet = fleet_of()
     fire(fleet, 1, 2, 4, 5, 6)
     np.testing.assert_allclose(shares(fleet), [1.0, 0.0, 0.0, 1.0, 1.0, 0.0], rtol=1e-14)
-    fleet.write(fleet.layout.duties, (0.2, 0.9, 0.0, 0.0, 0.6, 0.5))
+    fleet.write(fleet.rows.duties, (0.2, 0.9, 0.0, 0.0, 0.6, 0.5))
     fleet.fly()
     np.testing.assert_allclose(shares(fleet), [0.0, 1.0, 0.0, 0.0, 1.0, 0.0], rtol=1e-14)
     assert fleet.read(at.OPEN_TIME)[0, 0, 0] == pytest.approx(0.016 * 5)
@@ -132,6 +131,30 @@ def test_one_that_is_stuck_on_fires_unasked_and_takes_from_its_partner():
     for asked, given in (((), (0.3, 0.0)), ((1,), (0.3, 0.0)), ((2,), (0.3, 0.7))):
         fire(fleet, *asked)
         np.testing.assert_allclose(shares(fleet)[:2], given, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("severity", "share"), [(1.0, -1.0), (0.5, 0.0), (0.25, 0.5)])
+def test_one_that_is_miswired_pushes_the_other_way(severity, share):
+    fleet = fleet_of([Fault(1, "sign", severity=severity)])
+    np.testing.assert_allclose(fire(fleet, 1)[0], [share * TURN, 0.0, 0.0], rtol=1e-12, atol=1e-24)
+    assert fleet.read(at.OPEN_TIME)[0, 0, 0] == pytest.approx(0.016)
+
+
+def test_a_bias_asks_for_a_pulse_beside_what_is_commanded():
+    """The highest sum of command and bias on a capacitor fires, a whole pulse; the other one does not."""
+    fleet = fleet_of([Fault(1, "bias", severity=0.3, onset=1.0)])
+    for duties, given in (
+        ((0.0, 0.0), (0.0, 0.0)),  # before the onset
+        ((0.0, 0.0), (1.0, 0.0)),
+        ((0.0, 0.2), (1.0, 0.0)),
+        ((0.0, 0.4), (0.0, 1.0)),
+        ((0.2, 0.4), (1.0, 0.0)),
+    ):
+        fleet.write(fleet.rows.duties, (*duties, 0.0, 0.0, 0.0, 0.0))
+        fleet.fly()
+        np.testing.assert_allclose(shares(fleet)[:2], given, rtol=1e-14)
+    expected = fleet.read(at.EXPECTED_CHANGE + 3, 3)[0, 0]
+    np.testing.assert_allclose(expected, [-TURN / PPT.inertia[0][0], 0.0, 0.0], rtol=1e-12, atol=1e-20)
 
 
 def test_one_that_leaks_gives_a_whole_pulse_on_command():
@@ -257,7 +280,7 @@ def test_a_spacecraft_without_a_discharge_is_refused():
 
 EVERYTHING = FaultDistribution(
     probability=0.8,
-    kinds=GENERAL_KINDS + DISCHARGE_KINDS,
+    kinds=THRUSTER_KINDS + DISCHARGE_KINDS,
     count=(1, 3),
     onset=(0.0, 20.0),
     duration=(5.0, 40.0),
@@ -276,9 +299,9 @@ def flown(worlds, first=0, threads=None, periods=40):
     duties = np.array([np.random.default_rng([first + w, 1]).random((periods, 3, 6)) for w in range(worlds)])
     duties[duties < 0.5] = 0.0
     for k in range(periods):
-        fleet.write(fleet.layout.duties, duties[:, k])
+        fleet.write(fleet.rows.duties, duties[:, k])
         fleet.fly()
-    return fleet.read(0, fleet.layout.fields)
+    return fleet.read(0, fleet.rows.fields)
 
 
 def test_a_world_in_a_batch_is_the_world_alone_on_any_number_of_threads():

@@ -11,7 +11,7 @@ from scipy import stats
 from tests.physics.closed_forms import rotation_quaternion
 from tests.physics.flying import Array, begin, random_duties, with_valves
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import Sensors, load
 
@@ -113,7 +113,7 @@ def test_the_expected_change_is_what_the_nominal_craft_delivers():
     spacecraft = with_valves(load("orion"), scatter=0.0)
     for duties in random_duties(np.random.default_rng(2), 20, 12):
         fleet = drifting_fleet(1, spacecraft)
-        fleet.write(fleet.layout.duties, duties)
+        fleet.write(fleet.rows.duties, duties)
         fleet.fly()
         expected = fleet.read(at.EXPECTED_CHANGE, 6)[0, 0]
         on_times = 5.0 * duties
@@ -136,7 +136,7 @@ def test_a_fault_shows_in_the_measured_change_and_not_in_the_expected_one():
     changes = {}
     for name, faults in (("whole", []), ("dead", [Fault(1, "stuck_off")])):
         fleet = drifting_fleet(1, spacecraft, faults)
-        fleet.write(fleet.layout.duties, duties)
+        fleet.write(fleet.rows.duties, duties)
         fleet.fly()
         changes[name] = (fleet.read(at.MEASURED_CHANGE, 6)[0, 0], fleet.read(at.EXPECTED_CHANGE, 6)[0, 0])
     assert np.array_equal(changes["whole"][1], changes["dead"][1])

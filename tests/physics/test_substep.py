@@ -8,7 +8,7 @@ import pytest
 from tests.physics.closed_forms import hcw_transition, rotation_angle, rotation_matrix
 from tests.physics.flying import Array, begin
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.spacecraft import load
 
@@ -52,10 +52,10 @@ def rendezvous(
     for period, slot in enumerate(transfer()):
         if duties is None:
             measured = fleet.read(at.MEASURED, 13)[:, 0]
-            fleet.write(fleet.layout.duties, np.array([[feedback(one, slot)] for one in measured]))
+            fleet.write(fleet.rows.duties, np.array([[feedback(one, slot)] for one in measured]))
         else:
-            fleet.write(fleet.layout.duties, duties[period])
-        commanded.append(fleet.read(fleet.layout.duties, 12))
+            fleet.write(fleet.rows.duties, duties[period])
+        commanded.append(fleet.read(fleet.rows.duties, 12))
         fleet.fly()
         states.append(fleet.read(0, 14)[:, 0])
     return np.array(states), np.array(commanded)

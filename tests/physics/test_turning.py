@@ -11,8 +11,9 @@ import pytest
 
 from tests.physics import reference_flight as referee
 from tests.physics.flying import Array, begin, with_valves
-from thruster_envs.physics import layout as at
-from thruster_envs.physics.fleet import ERROR, Fleet, check_flyable
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.fleet import Fleet, check_flyable
+from thruster_envs.physics.vehicle import ERROR
 from thruster_envs.spacecraft import Feed, Spacecraft, Thruster, load
 
 ORION = with_valves(load("orion"), scatter=0.0)  # which the referee would have to know
@@ -61,7 +62,7 @@ def errors(vehicle: Spacecraft, duties: Array, rate: Array, *, nonlinear: bool =
     fleet = Fleet(vehicle, 1, nonlinear=nonlinear)
     begin(fleet)
     fleet.write(at.RATE, rate)
-    fleet.write(fleet.layout.duties, duties)
+    fleet.write(fleet.rows.duties, duties)
     fleet.fly()
     assert fleet.read(at.LOST)[0, 0, 0] == 0.0
     flown, impulse = fleet.read(0, 13)[0, 0], np.linalg.norm(fleet.read(at.IMPULSE, 3))
@@ -163,9 +164,9 @@ def test_craft_that_turn_at_different_rates_fly_in_a_batch_as_they_do_alone():
         begin(fleet, seed=first)
         fleet.write(at.RATE, rates[first : first + number])
         for _ in range(3):
-            fleet.write(fleet.layout.duties, duties[first : first + number])
+            fleet.write(fleet.rows.duties, duties[first : first + number])
             fleet.fly()
-        return fleet.read(0, at.SCALARS)[:, 0]
+        return fleet.read(0, at.DUTIES)[:, 0]
 
     together = flown(0, worlds)
     for world in (0, 3, 7, 8, 20, 31, 32):

@@ -6,7 +6,7 @@ import pytest
 from tests.tasks.diagnosing import LikelihoodPlayer
 from tests.tasks.flying import begin
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.tasks import ActiveDiagnosis
 from thruster_envs.tasks.fault_diagnosis import FLIGHT
 
@@ -21,7 +21,7 @@ def choose(worlds, tests=0, declared=(0, 0)):
 
 
 def duties(batch):
-    return batch.fleet.read(at.SCALARS, 12)[:, 0]
+    return batch.fleet.read(at.DUTIES, 12)[:, 0]
 
 
 def play(schedule, worlds=100, seed=1000):

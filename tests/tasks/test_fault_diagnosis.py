@@ -7,7 +7,7 @@ from tests.tasks.diagnosing import LikelihoodPlayer
 from tests.tasks.flying import begin
 from tests.views.cases import FAULTS
 from thruster_envs.faults import KINDS, Fault, mode_of
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import FaultDiagnosis
 from thruster_envs.tasks.fault_diagnosis import FLIGHT
@@ -193,7 +193,7 @@ def test_every_thruster_fires_enough_in_every_sound_flight():
     on_times, pulses = np.zeros((200, 12)), np.zeros((200, 12))
     for _ in range(FLIGHT):
         batch.step(nothing(200))
-        fired = PERIOD * batch.fleet.read(at.SCALARS, 12)[:, 0]
+        fired = PERIOD * batch.fleet.read(at.DUTIES, 12)[:, 0]
         on_times += fired
         pulses += fired > 0.3
     assert on_times.min() > 15.0  # s
@@ -289,12 +289,12 @@ def test_the_scripted_pilot_could_be_ones_own():
 
     def pilot(sight):
         law = scripted.state.model.pilot
-        data = np.zeros((1, at.SCALARS + 12, 6))
+        data = np.zeros((1, at.DUTIES + 12, 6))
         data[0, at.MEASURED : at.MEASURED + 13] = np.concatenate(
             (sight.position, sight.velocity, sight.attitude, sight.rate), axis=1
         ).T
         law.fly(data, sight.target[:, np.newaxis], 0, 1, 6)
-        return data[0, at.SCALARS :].T
+        return data[0, at.DUTIES :].T
 
     own = begin(FaultDiagnosis(pilot=pilot), worlds=6)
     for _ in range(50):

@@ -7,7 +7,7 @@ from tests.tasks.flying import begin
 from thruster_baselines.control import QuaternionTeam
 from thruster_envs.faults import Fault
 from thruster_envs.missions import attitude_of, fly_missions
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import Sensors, load
 from thruster_envs.tasks import FormationAttitude
 from thruster_envs.tasks.attitude_pilot import AttitudePilot
@@ -20,7 +20,7 @@ def by_law(batch):
     """Options that the scripted law would choose for the commanded craft, from what it measures."""
     task, scratch = batch.task, batch.fleet.data.copy()
     AttitudePilot.of(task.vehicle).fly(scratch, batch.state.targets, 0, task.craft, batch.number)
-    rows = scratch[:, at.SCALARS : at.SCALARS + 6].transpose(0, 2, 1).reshape(-1, 6)
+    rows = scratch[:, at.DUTIES : at.DUTIES + 6].transpose(0, 2, 1).reshape(-1, 6)
     rows = rows[: batch.number * task.craft].reshape(batch.number, task.craft, 6)
     options = np.where(rows[..., ::2] > 0.0, 1, np.where(rows[..., 1::2] > 0.0, 2, 0))
     return options[:, task.first_commanded :][:, : len(task.agents)]
@@ -69,7 +69,7 @@ def test_the_same_law_flies_the_same_flight_as_a_mission_to_the_last_bit():
         leader = batch.fleet.read(at.RATE, 3)[:, 0]
         np.testing.assert_array_equal(leader, missions.rate[:, k + 1, 0])
         np.testing.assert_array_equal(
-            batch.fleet.read(batch.fleet.layout.delivered, 6) / 0.016, missions.thrust[:, k]
+            batch.fleet.read(batch.fleet.rows.delivered, 6) / 0.016, missions.thrust[:, k]
         )
 
 
@@ -230,7 +230,7 @@ def test_duties_add_up_to_whole_pulses_and_the_one_that_is_owed_more_fires():
     fired = []
     for _ in range(20):
         batch.step(duties)
-        fired.append(batch.fleet.read(batch.fleet.layout.delivered, 6)[0] / 0.016)
+        fired.append(batch.fleet.read(batch.fleet.rows.delivered, 6)[0] / 0.016)
     fired = np.round(np.array(fired)).astype(int)
     assert fired[:, 1, 0].nonzero()[0].tolist() == [3, 6, 9, 13, 16, 19]  # 1.2, 1.1, 1.0, 1.2, ...
     assert fired[:, 1, 2].all()

@@ -5,7 +5,7 @@ import pytest
 
 from tests.tasks.flying import begin
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import FormationKeeping
 from thruster_envs.tasks.pilot import Pilot
@@ -24,7 +24,7 @@ def by_pilot(batch, craft=None):
     agents = len(batch.task.agents)
     scratch = batch.fleet.data.copy()
     batch.state.model.pilot.fly(scratch, batch.state.slots, 0, batch.task.craft, batch.number)
-    rows = scratch[:, at.SCALARS : at.SCALARS + 12].transpose(0, 2, 1).reshape(-1, 12)
+    rows = scratch[:, at.DUTIES : at.DUTIES + 12].transpose(0, 2, 1).reshape(-1, 12)
     duties = rows[: batch.number * batch.task.craft].reshape(batch.number, batch.task.craft, 12)[:, :agents]
     return 2.0 * duties - 1.0
 

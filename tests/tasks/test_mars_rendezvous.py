@@ -13,7 +13,7 @@ from tests.physics.closed_forms import product
 from tests.tasks.flying import begin
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.physics import disturbances
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
@@ -121,9 +121,9 @@ def test_the_plant_flies_like_the_plain_simulation_under_the_same_open_rates(fau
     )
     fleet.begin(fleet.everyone, np.zeros((1, 2), np.uint64), np.zeros(1, np.uint64), fleet.plan(faults))
     fleet.write(0, [[0.0, -20.0, 0.0, 0.0, 0.1, 0.0, *FACING, *WITH_LVLH]])
-    fleet.write(fleet.layout.push, [[-3e-7, 2e-7, -1e-7]])
+    fleet.write(fleet.rows.push, [[-3e-7, 2e-7, -1e-7]])
     for k in range(200):
-        fleet.write(fleet.layout.duties, plain.open_rates[0, k])
+        fleet.write(fleet.rows.duties, plain.open_rates[0, k])
         fleet.fly()
     state = fleet.read(0, 10)[0, 0]
     np.testing.assert_allclose(state[:3], plain.true_position[0, 200], atol=2e-3)
@@ -208,7 +208,7 @@ def test_disturbances_push_the_chaser_unless_told_otherwise():
     for on in (True, False):
         batch = begin(MarsRendezvous(disturbances=on), worlds=3)
         batch.step(batch.task.pilot_actions(batch.state))
-        pushed = batch.fleet.read(batch.fleet.layout.push, 3)[:, 0]
+        pushed = batch.fleet.read(batch.fleet.rows.push, 3)[:, 0]
         size = np.linalg.norm(pushed, axis=1)
         assert np.all((size > 1e-8) & (size < 3e-7)) if on else np.all(size == 0.0)
 
@@ -218,7 +218,7 @@ def test_the_truth_differs_from_the_description_as_told():
     fleet = begin(task, worlds=400).fleet
     mass = fleet.read(at.MASS)[:, 0, 0] / 1500.0 - 1.0
     assert 0.098 < np.abs(mass).max() <= 0.1
-    columns = fleet.read(fleet.layout.columns, 48)[:, 0].reshape(400, 8, 6)
+    columns = fleet.read(fleet.rows.columns, 48)[:, 0].reshape(400, 8, 6)
     nominal = CHASER.wrenches().T
     gains = columns[:, :, 0] / nominal[:, 0]
     np.testing.assert_allclose(columns[:, :, :3], gains[..., np.newaxis] * nominal[:, :3], rtol=1e-12)
@@ -241,7 +241,7 @@ def test_the_truth_differs_from_the_description_as_told():
 def test_a_chaser_without_errors_is_the_one_described():
     fleet = begin(MarsRendezvous(**EXACT_VEHICLE), worlds=3).fleet
     np.testing.assert_allclose(
-        fleet.read(fleet.layout.columns, 48)[:, 0].reshape(3, 8, 6),
+        fleet.read(fleet.rows.columns, 48)[:, 0].reshape(3, 8, 6),
         np.broadcast_to(CHASER.wrenches().T, (3, 8, 6)),
         rtol=0.0,
         atol=1e-13,
@@ -278,7 +278,7 @@ def test_without_it_there_is_no_capture():
 def test_a_closed_isolation_valve_stops_the_stuck_thruster():
     batch = recovered(closes=1, switches=0, steps=330)
     fleet = batch.fleet
-    delivered = fleet.read(fleet.layout.delivered, 8)[:, 0]
+    delivered = fleet.read(fleet.rows.delivered, 8)[:, 0]
     assert np.all(delivered[:, 2] < 1e-12)
     assert np.all(delivered[:, [0, 1]] > 1e-3)
     observed = batch.task.observe(batch.state)[:, 0]
@@ -296,7 +296,7 @@ def test_a_chaser_without_a_spare_branch_has_valves_to_close_and_nothing_more():
         batch.step(actions)
     observed = task.observe(batch.state)[:, 0]
     np.testing.assert_array_equal(observed[:, 36:], [[1] * 8, [1, 1, 1, 1, 0, 1, 1, 1]])
-    delivered = batch.fleet.read(batch.fleet.layout.delivered, 8)[:, 0]
+    delivered = batch.fleet.read(batch.fleet.rows.delivered, 8)[:, 0]
     np.testing.assert_array_equal(delivered > 0.01, [[False] * 8, [i == 4 for i in range(8)]])
     assert np.all(task.report(batch.state)["approach"]["branch"] == 0)
 
@@ -322,7 +322,7 @@ def on_branch(faults, switch, steps=60, worlds=3, seed=4):
         actions[..., 16] = 1.0 if switch is not None and k >= switch else -1.0
         batch.step(actions)
         if k >= steps - 10:
-            given += batch.fleet.read(batch.fleet.layout.delivered, 8)[:, 0]
+            given += batch.fleet.read(batch.fleet.rows.delivered, 8)[:, 0]
     return batch, given
 
 
@@ -413,7 +413,7 @@ def test_pulses_under_way_are_lost_when_the_branch_changes():
     given = 0.0
     for _ in range(5):
         batch.step(actions)
-        given += batch.fleet.read(batch.fleet.layout.delivered, 8)[0, 0].sum()
+        given += batch.fleet.read(batch.fleet.rows.delivered, 8)[0, 0].sum()
     # All that comes is what had been let in before: the delay is at least 70 ms of 100 ms.
     assert given < 8 * 0.03
 

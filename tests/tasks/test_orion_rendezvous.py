@@ -7,7 +7,7 @@ import pytest
 
 from tests.tasks.flying import actions, begin
 from thruster_envs.faults import Fault
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import OrionRendezvous
 from thruster_envs.tasks.shaping import delta_v_to_go

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.tasks.test_every_vehicle import assert_finite
-from thruster_envs.physics.flight import MOST_SUBSTEPS
+from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.registration import ENVIRONMENTS
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import FormationAttitude, OrionRendezvous, PulseDiagnosis

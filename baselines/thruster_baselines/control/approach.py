@@ -75,6 +75,7 @@ class ApproachController:
         navigation_delay: int = 1,
         settings: ApproachSettings | None = None,
     ) -> None:
+        spacecraft.circular_mean_motion("the approach controller")
         self.spacecraft, self.steps, self.distance = spacecraft, steps, distance
         self.navigation_delay = navigation_delay
         self.settings = ApproachSettings() if settings is None else settings

@@ -47,7 +47,8 @@ class RelativeNavigation:
         self.effectiveness = spacecraft.effectiveness() if effectiveness is None else effectiveness
         self._period = spacecraft.control_period
         self._coupling = spacecraft.feed.coupling
-        self._orbit_rate = np.array([0.0, 0.0, spacecraft.mean_motion])
+        mean_motion = spacecraft.circular_mean_motion("the navigation filter")
+        self._orbit_rate = np.array([0.0, 0.0, mean_motion])
         self._scatter = np.array([thruster.scatter for thruster in spacecraft.thrusters]) / np.sqrt(3.0)
         sensors = spacecraft.sensors
         sigmas = np.repeat([sensors.position, sensors.velocity, sensors.attitude, sensors.rate], 3)
@@ -55,7 +56,7 @@ class RelativeNavigation:
         self._measurement_covariance = np.diag(np.maximum(sigmas, floor) ** 2)
         self._model_covariance = np.diag(floor**2)
         self._transition = np.eye(12)
-        self._transition[:6, :6] = transition_matrix(spacecraft.mean_motion, self._period)
+        self._transition[:6, :6] = transition_matrix(mean_motion, self._period)
         self._transition[6:9, 9:] = self._period * np.eye(3)
         self.forget()
 

@@ -30,10 +30,12 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_envs.configuration import require
 from thruster_envs.extras import extra
+from thruster_envs.physics.health import effect_of
 from thruster_envs.protocols import BoolArray, FloatArray
 
 __all__ = ["ValveAllocation", "ValveBelief", "authority_left"]
 
+_BELIEVED = ("stuck_on", "stuck_off", "leak", "loss", "late_opening", "slow_opening")
 _ROUND_OFF = 1e-9  # open rates over a bound by less than this are within it
 _OPTIMAL = 1  # DAQP's exit flag
 _IDLE_WEIGHT = 1e-9  # of the square of an open rate's distance from its preference, beside that of a miss
@@ -114,21 +116,16 @@ class ValveBelief:
         at = vehicle, thruster - 1
         held = float(self.hold[at])
         self.trust(vehicle)
-        if kind in ("stuck_on", "stuck_off"):
-            level = severity if kind == "stuck_on" else 0.0
-            self.floor[at], self.slope[at] = level, 0.0
-            self.hold[at] = held if held > 0.0 else idle
-        elif kind == "leak":
-            self.floor[at], self.slope[at] = severity, 1.0 - severity
-        elif kind == "loss":
-            self.slope[at] = 1.0 - severity
-        elif kind == "late_opening":
-            self.lost[at] = min(severity / period, 1.0)
-        elif kind != "slow_opening":
+        if kind not in _BELIEVED:
             raise ValueError(
                 f"kind is {kind!r}; stuck_on, stuck_off, leak, loss, late_opening or slow_opening would be "
                 "right"
             )
+        effect = effect_of(kind, 1.0 if kind == "stuck_off" else severity)
+        self.floor[at], self.slope[at] = effect.floor, effect.slope * effect.gain
+        self.lost[at] = min(effect.delay / period, 1.0)
+        if self.slope[at] == 0.0 and kind in ("stuck_on", "stuck_off"):
+            self.hold[at] = held if held > 0.0 else idle
 
     def together(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
         """Kind and severity of a fault and what is believed of a thruster, from 1, already.
@@ -141,13 +138,10 @@ class ValveBelief:
         at = vehicle, thruster - 1
         if self.hold[at] > 0.0:  # it is told one and the same, and whatever comes is a constant
             now = float(self.floor[at])
-            level = {
-                "stuck_on": severity,
-                "stuck_off": 0.0,
-                "leak": now + severity * (1.0 - now),
-                "loss": now * (1.0 - severity),
-            }
-            return "stuck_on", level.get(kind, now)
+            if kind not in _BELIEVED:
+                return "stuck_on", now
+            effect = effect_of(kind, 1.0 if kind == "stuck_off" else severity, (now, 0.0, 1.0))
+            return "stuck_on", effect.gain * effect.floor
         if kind == "leak" or (kind == "loss" and self.floor[at] == 0.0):
             return kind, 1.0 - float(self.slope[at]) * (1.0 - severity)
         return kind, severity

@@ -34,6 +34,7 @@ from thruster_baselines.detection.identification import (
 )
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
 from thruster_baselines.detection.response import ResponseTest, threshold_for
+from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
 __all__ = [
@@ -48,6 +49,7 @@ __all__ = [
     "EstimatorThreshold",
     "Evaluation",
     "FilterBank",
+    "FilterSettings",
     "Firings",
     "FlightSource",
     "Flights",

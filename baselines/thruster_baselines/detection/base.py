@@ -27,16 +27,23 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
+from thruster_baselines.detection.settings import (
+    SOURCE_MEASUREMENT_NOISE,
+    SOURCE_PROCESS_NOISE,
+    FilterSettings,
+)
 from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, PhysicalNoise
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
-from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_baselines.mapping.coupling import convert, thrust_shares
+from thruster_envs.configuration import suggestion
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -44,11 +51,6 @@ from thruster_envs.spacecraft import Spacecraft, load
 __all__ = ["BaseDetector", "Interval"]
 
 _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
-SOURCE_PROCESS_NOISE = 0.01
-"""Variance that each entry of the effectiveness gains per update (Yang 2003, chapter 6)."""
-
-SOURCE_MEASUREMENT_NOISE = 10.0
-"""Variance of each axis of the rate change (Yang 2003, chapter 6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +84,7 @@ class BaseDetector(ABC):
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: What the statistic has to exceed for a detection.
-        noise: Of the measured rate change; see the module.
-        process_noise: Variance that each entry of the effectiveness gains per update, one number or (m,): by
-            default the source's with noise given as numbers, none with `PhysicalNoise`.
-        initial_covariance: Variance of the entries at the start; by default the process noise.
-        coupling: Share of thrust lost per further thruster open, or a loss curve; by default the
-            spacecraft's, and none with a matrix.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         threshold: May be changed at any time.
@@ -104,18 +100,22 @@ class BaseDetector(ABC):
         self,
         spacecraft: Spacecraft | str | Path | ArrayLike,
         threshold: float,
-        *,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
+        unknown = sorted(settings.keys() - FilterSettings.__annotations__.keys())
+        if unknown:
+            raise TypeError(
+                f"{type(self).__name__} got an unexpected keyword argument {unknown[0]!r}; "
+                f"{suggestion(unknown[0], FilterSettings.__annotations__)}"
+            )
         if not threshold >= 0.0:
             raise ValueError(f"threshold is {threshold}; a number of 0 or more would be right")
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
         self.threshold = float(threshold)
+        noise = settings.get("noise", SOURCE_MEASUREMENT_NOISE)
+        process_noise, initial_covariance = settings.get("process_noise"), settings.get("initial_covariance")
+        coupling, vehicles = settings.get("coupling"), settings.get("vehicles", 1)
         self._noise = noise if isinstance(noise, PhysicalNoise) else None
         if process_noise is None:
             process_noise = 0.0 if self._noise is not None else SOURCE_PROCESS_NOISE

@@ -18,49 +18,17 @@ Left out: which way the residual points inside a set of axes, which is what the 
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
-from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
+from thruster_baselines.detection.base import BaseDetector, Interval, whiten
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
-from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["GenericChiSquared", "SetChiSquared", "SingleChiSquared"]
 
 
 class _ChiSquared(BaseDetector):
-    """What the three have in common.
-
-    Args:
-        spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
-        threshold: Of the statistic, dimensionless.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
-    """
-
-    def __init__(
-        self,
-        spacecraft: Spacecraft | str | Path | ArrayLike,
-        threshold: float,
-        *,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
-    ) -> None:
-        super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
-        )  # fmt: skip
+    """What the three have in common."""
 
     def _empty(self) -> tuple[FloatArray, FloatArray, IntArray]:
         """Suspicion (vehicles, n), statistic and blamed (vehicles,), zeros."""
@@ -74,11 +42,7 @@ class GenericChiSquared(_ChiSquared):
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: Of the statistic, dimensionless.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
     """
 
     def _judge(self, interval: Interval) -> Diagnosis:
@@ -96,11 +60,7 @@ class SingleChiSquared(_ChiSquared):
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: Of the largest statistic of an axis, dimensionless.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         axes: (vehicles, m), the statistic of each axis in the last interval.
@@ -132,11 +92,7 @@ class SetChiSquared(_ChiSquared):
     Args:
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: Of the largest statistic of a set, dimensionless.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     >>> four = np.array([[5, -3, -2, 0], [0, 2, 4, -6], [1, 0.5, -2, 0], [3.5, 2, -5, 0], [0, 0, -3, 4],
     ...     [0, 2, 0, -1]])  # Yang 2003, Table 1

@@ -27,14 +27,14 @@ sums stay until a reset, or until a new belief.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval
+from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
-from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
@@ -51,11 +51,7 @@ class CUSUMDetector(BaseDetector):
         threshold: Of the gathered log-likelihood ratio, dimensionless.
         design_loss: Share of its thrust that a thruster has lost if it is faulty, above 0 and up to 1.
         design_excess: Share of full thrust that comes without command if it is faulty, above 0 and up to 1.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         sums: (vehicles, 2, n): the evidence for a loss, and for thrust without command.
@@ -63,6 +59,7 @@ class CUSUMDetector(BaseDetector):
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
 
+    >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = CUSUMDetector("orion", threshold=10.0, noise=PhysicalNoise("orion"), coupling=0.0)
     >>> told, gave = np.full(12, 0.05), np.full(12, 0.05)
     >>> gave[6] *= 0.3
@@ -78,19 +75,14 @@ class CUSUMDetector(BaseDetector):
         *,
         design_loss: float = DEFAULT_SEVERITY["loss"][0],
         design_excess: float = DEFAULT_SEVERITY["leak"][0],
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         for name, size in (("design_loss", design_loss), ("design_excess", design_excess)):
             if not 0.0 < size <= 1.0:
                 raise ValueError(f"{name} is {size}; a share above 0 and up to 1 would be right")
         self._design = np.array([design_loss, design_excess])
         super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, threshold, **settings
         )  # fmt: skip
 
     def _forget(self, mask: BoolArray) -> None:

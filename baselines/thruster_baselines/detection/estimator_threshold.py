@@ -14,14 +14,14 @@ Left out: more thrust than expected, and thrust without command, which a shortfa
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval
+from thruster_baselines.detection.base import Interval
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
-from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
+from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -40,11 +40,7 @@ class EstimatorThreshold(LimitedDetector):
         threshold: Of the lost share: 0.2 blames below 80 % of what is believed. By default 0.2, or what
             healthy vehicles exceed at the rate `false_alarms` (`limit`) where that is more.
         false_alarms: Rate per interval, if no threshold is given.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update; it has to learn.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         limit: (vehicles,), what the largest lost share had to exceed in the last interval.
@@ -68,16 +64,10 @@ class EstimatorThreshold(LimitedDetector):
         threshold: float | None = None,
         *,
         false_alarms: float = FALSE_ALARMS,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         super().__init__(
-            spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, noise=noise,
-            process_noise=process_noise, initial_covariance=initial_covariance, coupling=coupling,
-            vehicles=vehicles,
+            spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, **settings
         )  # fmt: skip
         if self.filter.form == "known":
             raise ValueError(

@@ -26,14 +26,15 @@ thruster that opens in part.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
-from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling, convert
+from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.settings import FilterSettings
+from thruster_baselines.mapping.coupling import convert
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -52,11 +53,7 @@ class FilterBank(BaseDetector):
         threshold: Of the log-odds of a fault against none, above their least.
         weak_share: What share of its thrust a weak thruster gives, between 0 and 1.
         floor: What no weight falls below, and with which each fault begins.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         log_weights: (vehicles, 1 + 3 n): no fault, then off, weak and on of each thruster.
@@ -64,6 +61,7 @@ class FilterBank(BaseDetector):
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
 
+    >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = FilterBank("orion", threshold=5.0, noise=PhysicalNoise("orion"), coupling=0.0)
     >>> gave = np.full(12, 0.1) * (np.arange(12) != 4)
     >>> for _ in range(4):
@@ -79,11 +77,7 @@ class FilterBank(BaseDetector):
         *,
         weak_share: float = 0.5,
         floor: float = 1e-9,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         if not 0.0 < weak_share < 1.0:
             raise ValueError(f"weak_share is {weak_share}; between 0 and 1 would be right")
@@ -91,8 +85,7 @@ class FilterBank(BaseDetector):
             raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
         self.weak_share, self._floor = weak_share, floor
         super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, threshold, **settings
         )  # fmt: skip
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:

@@ -27,7 +27,7 @@ from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
-from thruster_envs.physics.firing import apply_fault, is_active, severity
+from thruster_envs.physics import health
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -193,6 +193,11 @@ class RandomFlights:
                 f"longest is {self.longest}; above 0 and up to the duration of {self.duration} s would be "
                 "right"
             )
+        if self.faults.sensor_probability > 0.0:
+            raise ValueError(
+                "sensor_probability must be 0 for these flights, which have no faults of sensors, got "
+                f"{self.faults.sensor_probability:g}"
+            )
         if "misalignment" in self.faults.kind_weights():
             raise ValueError(
                 "faults has misalignment, which these flights do not model; other kinds, or flights of an "
@@ -256,11 +261,11 @@ def joined(parts: Sequence[_Flights]) -> _Flights:
 
 def one_fault_each(faults: FaultDistribution) -> FaultDistribution:
     """The same distribution, of which every world draws exactly one fault."""
-    return dataclasses.replace(faults, probability=1.0, count=(1, 1))
+    return dataclasses.replace(faults, probability=1.0, count=(1, 1), sensor_probability=0.0)
 
 
 def faults_of(faults: FaultDistribution, thrusters: int, seeds: Sequence[int], faulty: bool) -> FloatArray:
-    """(flights, 9): the one fault that a world draws from each seed; all zeros for none."""
+    """(flights, 13): the one fault that a world draws from each seed; all zeros for none."""
     rows = np.zeros((len(seeds), 1, 1, len(code.FAULT_FIELDS)))
     if faulty:
         _draw(rows, one_fault_each(faults).encode(thrusters), thrusters, np.array(seeds, dtype=np.uint64))
@@ -268,7 +273,7 @@ def faults_of(faults: FaultDistribution, thrusters: int, seeds: Sequence[int], f
 
 
 def truth_of(rows: FloatArray) -> dict[str, Any]:
-    """What `Flights` says of the faults (flights, 9), by the names of its fields."""
+    """What `Flights` says of the faults (flights, 13), by the names of its fields."""
     faulty = rows[:, code.FIELD_KIND] > 0.0
     return {
         "thruster": np.where(faulty, rows[:, code.FIELD_THRUSTER].astype(np.int64) + 1, 0),
@@ -292,7 +297,7 @@ def _deliver(
 
     Args:
         on_times: (flights, intervals, n), s.
-        faults: (flights, 9), one for each flight; all zeros for none.
+        faults: (flights, 13), one for each flight; all zeros for none.
         duration: s.
         coupling: Share of thrust lost per further thruster open.
         delivered: (flights, intervals, n), s, written.
@@ -301,19 +306,20 @@ def _deliver(
     floor, slope, gain, told = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     edges, opening = np.empty(n + 3), np.empty(n)
     for flight in range(flights):
-        fault = faults[flight]
-        thruster = int(fault[code.FIELD_THRUSTER])
+        fault = faults[flight : flight + 1]
+        thruster = health.thruster_of(fault[0])
         for t in range(intervals):
             for i in range(n):
                 floor[i], slope[i], gain[i], told[i] = 0.0, 1.0, 1.0, on_times[flight, t, i]
-            late, middle = 0.0, (t + 0.5) * duration
-            if is_active(fault, middle):
-                size = severity(fault, middle)
-                if fault[code.FIELD_KIND] == code.LATE_OPENING:
-                    late = min(size, duration)
-                floor[thruster], slope[thruster], gain[thruster] = apply_fault(
-                    int(fault[code.FIELD_KIND]), size, 0.0, 1.0, 1.0
-                )
+            middle = (t + 0.5) * duration
+            delay, _, added = health.command_errors(fault, thruster, middle, None)
+            late = min(delay, duration)
+            told[thruster] = (
+                min(told[thruster] + added * duration, duration) if added > 0.0 else told[thruster]
+            )
+            floor[thruster], slope[thruster], gain[thruster] = health.health_at(
+                fault, thruster, middle, middle, None
+            )
             edges[0] = 0.0
             for i in range(n + 1):  # when valves shut, and when the late one opens, upwards
                 edge, place = late if i == n else told[i], i + 1

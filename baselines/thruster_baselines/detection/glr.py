@@ -29,15 +29,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, Interval, whiten
+from thruster_baselines.detection.base import Interval, whiten
 from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
+from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, FilterSettings
 from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
@@ -64,11 +65,7 @@ class GLRDetector(LimitedDetector):
         false_alarms: Rate per interval, if no threshold is given.
         sign_gate: Do not suspect a thruster of firing less than it was told if it was told nothing, nor of
             firing more if it was told to fire for the whole interval.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         limit: (vehicles,), what l had to exceed in the last interval.
@@ -93,21 +90,16 @@ class GLRDetector(LimitedDetector):
         *,
         false_alarms: float = FALSE_ALARMS,
         sign_gate: bool = False,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         self.sign_gate = sign_gate
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
+        noise = settings.get("noise", SOURCE_MEASUREMENT_NOISE)
         if threshold is None and isinstance(noise, PhysicalNoise):
             threshold = chi_squared_threshold(false_alarms, tests=noise.effectiveness.shape[1])
         super().__init__(
-            spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, noise=noise,
-            process_noise=process_noise, initial_covariance=initial_covariance, coupling=coupling,
-            vehicles=vehicles,
+            spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, **settings
         )  # fmt: skip
 
     def _judge(self, interval: Interval) -> Diagnosis:

@@ -24,14 +24,15 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray
@@ -150,11 +151,7 @@ class LimitedDetector(BaseDetector):
         threshold: What the statistic has to exceed for a detection, in every interval, or None.
         least: What it has to exceed at least if none is given.
         false_alarms: Rate per interval, if no threshold is given.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: Number of vehicles monitored.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         limit: (vehicles,), what the statistic had to exceed in the last interval.
@@ -169,25 +166,21 @@ class LimitedDetector(BaseDetector):
         least: float,
         *,
         false_alarms: float,
-        noise: PhysicalNoise | ArrayLike,
-        process_noise: ArrayLike | None,
-        initial_covariance: ArrayLike | None,
-        coupling: Coupling | None,
-        vehicles: int,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
         self._healthy: HealthyLimits | None = None
         self._without = False
         super().__init__(
-            spacecraft, least if threshold is None else threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, least if threshold is None else threshold, **settings
         )  # fmt: skip
-        self.limit = np.full(vehicles, self._threshold)
+        self.limit = np.full(self._vehicles, self._threshold)
         if threshold is not None:
             return
-        if isinstance(spacecraft, Spacecraft):
-            noise = noise if isinstance(noise, PhysicalNoise) else PhysicalNoise(spacecraft)
+        noise = settings.get("noise")
+        if isinstance(spacecraft, Spacecraft) and not isinstance(noise, PhysicalNoise):
+            noise = PhysicalNoise(spacecraft)
         self._without = not isinstance(noise, PhysicalNoise)
         if isinstance(noise, PhysicalNoise):
             self._healthy = HealthyLimits(noise, self.filter, false_alarms)

@@ -38,6 +38,8 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import Interval, whiten
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
+from thruster_envs.faults import encoding as code
+from thruster_envs.faults.kinds import CODES
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -144,8 +146,7 @@ class ModelComparison:
             *(("leak", float(level)) for level in openings),
             *(("misalignment", float(angle)) for angle in tilts for _ in range(sides)),
         )  # fmt: skip
-        codes = {"none": 0, "stuck_off": 1, "stuck_on": 2, "loss": 3, "leak": 4, "misalignment": 5}
-        self._codes = np.array([codes[kind] for kind, _ in self.models])
+        self._codes = np.array([CODES.get(kind, code.EMPTY) for kind, _ in self.models])
         self._levels = np.array([level for _, level in self.models])
         self._turned = np.array(turned) if turned else np.empty((0, 0, 0))
 
@@ -269,23 +270,24 @@ def _compare(
                 for j in range(n):
                     left[k, way] -= effectiveness[v, k, j] * delivered[way, j]
         for model in range(codes.size):
-            code, level = codes[model], levels[model]
+            kind, level = codes[model], levels[model]
             for k in range(m):
                 rest[k, model] = left[k, 0]
-                if code == 1:
+                if kind == code.STUCK_OFF:
                     rest[k, model] = left[k, 1]
-                elif code == 2:
+                elif kind == code.STUCK_ON:
                     rest[k, model] = left[k, 2]
-                elif code == 3:
+                elif kind == code.LOSS:
                     rest[k, model] += effectiveness[v, k, i] * level * delivered[0, i]
-                elif code == 4:
+                elif kind == code.LEAK:
                     rest[k, model] += level * (left[k, 2] - left[k, 0])
-                elif code == 5:
+                elif kind == code.MISALIGNMENT:
                     rest[k, model] -= turned[model - first_turned, k, i] * delivered[0, i]
         whiten(covariance[v], left[:, 0], rest, root, e, white)
         for model in range(codes.size):
-            code = codes[model]
-            if (code in (1, 3, 5) and own == 0.0) or (code in (2, 4) and own >= duration):
+            kind = codes[model]
+            opens = kind == code.STUCK_ON or kind == code.LEAK
+            if kind != code.EMPTY and ((opens and own >= duration) or (not opens and own == 0.0)):
                 statistic[v, model] = np.inf
                 continue
             total = 0.0

@@ -24,14 +24,14 @@ consecutive rate changes share a velocity measurement, so that their errors part
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import SOURCE_MEASUREMENT_NOISE, BaseDetector, Interval, whiten
-from thruster_baselines.estimation import PhysicalNoise
-from thruster_baselines.mapping.coupling import Coupling
+from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
@@ -48,11 +48,7 @@ class WindowedGLR(BaseDetector):
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: Of twice the log-likelihood ratio, dimensionless.
         window: How many of the last measured intervals are looked back on.
-        noise: Of the measured rate change; see `thruster_baselines.detection.base`.
-        process_noise: Variance that each entry of the effectiveness gains per update.
-        initial_covariance: Variance of the entries at the start.
-        coupling: Share of thrust lost per further thruster open, or a loss curve.
-        vehicles: How many are watched.
+        settings: Of the filter and of the feed; see `FilterSettings`.
 
     Attributes:
         onset: (vehicles,), s since the reset: the likeliest beginning of the fault of the thruster that is
@@ -63,6 +59,7 @@ class WindowedGLR(BaseDetector):
     Raises:
         ValueError: A value that cannot be; the message says which and what would be right.
 
+    >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = WindowedGLR("orion", threshold=30.0, noise=PhysicalNoise("orion"), coupling=0.0)
     >>> for interval in range(8):
     ...     weak = np.full(12, 0.1)
@@ -77,19 +74,13 @@ class WindowedGLR(BaseDetector):
         spacecraft: Spacecraft | str | Path | ArrayLike,
         threshold: float,
         window: int = 10,
-        *,
-        noise: PhysicalNoise | ArrayLike = SOURCE_MEASUREMENT_NOISE,
-        process_noise: ArrayLike | None = None,
-        initial_covariance: ArrayLike | None = None,
-        coupling: Coupling | None = None,
-        vehicles: int = 1,
+        **settings: Unpack[FilterSettings],
     ) -> None:
         if window < 1:
             raise ValueError(f"window is {window}; one interval or more would be right")
         self.window = window
         super().__init__(
-            spacecraft, threshold, noise=noise, process_noise=process_noise,
-            initial_covariance=initial_covariance, coupling=coupling, vehicles=vehicles,
+            spacecraft, threshold, **settings
         )  # fmt: skip
 
     def _forget(self, mask: BoolArray) -> None:

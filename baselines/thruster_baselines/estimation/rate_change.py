@@ -24,7 +24,12 @@ __all__ = ["thrust_rate_change"]
 
 
 def thrust_rate_change(
-    spacecraft: Spacecraft, before: ArrayLike, after: ArrayLike, duration: float
+    spacecraft: Spacecraft,
+    before: ArrayLike,
+    after: ArrayLike,
+    duration: float,
+    *,
+    time: float | None = None,
 ) -> FloatArray:
     """Rate change (..., 6) that firing gave in an interval, m/s then rad/s, body axes.
 
@@ -34,9 +39,10 @@ def thrust_rate_change(
             rate, rad/s, body axes.
         after: The same at the end of the interval; its position and attitude are not used.
         duration: Of the interval, s.
+        time: When it begins, s of the episode's clock; an elliptic orbit needs it.
 
     Raises:
-        ValueError: Other shapes, a duration that is not positive.
+        ValueError: Other shapes, a duration that is not positive, an elliptic orbit without a time.
     """
     first, last = np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
     if first.shape[-1:] != (13,) or last.shape != first.shape:
@@ -45,7 +51,10 @@ def thrust_rate_change(
         )
     if not 0.0 < duration < np.inf:
         raise ValueError(f"duration is {duration}; a positive number of s would be right")
-    drift = first[..., :6] @ transition_matrix(spacecraft.mean_motion, duration)[3:].T
+    if time is None:
+        spacecraft.circular_mean_motion("thrust_rate_change without a time")
+    moved = transition_matrix(spacecraft.reference_orbit, duration, time or 0.0)
+    drift = first[..., :6] @ moved[3:].T
     pushed, scalar, vector = last[..., 3:6] - drift, first[..., 6:7], first[..., 7:10]
     crossed = 2.0 * np.cross(vector, pushed)
     translation = pushed + scalar * crossed + np.cross(vector, crossed)  # q (x) v (x) q*: into the body

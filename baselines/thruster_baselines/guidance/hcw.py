@@ -13,38 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from thruster_envs.physics.orbits import transition_matrix
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["force_response", "transition_matrix"]
-
-
-def transition_matrix(mean_motion: float, duration: float) -> FloatArray:
-    """How a free state (position, velocity) moves on: `state(t + duration) = transition_matrix @ state(t)`.
-
-    Args:
-        mean_motion: rad/s.
-        duration: s; may be negative.
-
-    Returns:
-        (6, 6): for states of m then m/s, LVLH.
-
-    >>> transition_matrix(0.001, 0.0).tolist() == np.eye(6).tolist()
-    True
-    """
-    n, angle = mean_motion, mean_motion * duration
-    s, c = np.sin(angle), np.cos(angle)
-    v = 2.0 * np.sin(0.5 * angle) ** 2  # 1 - cos
-    d = _angle_minus_sine(angle)
-    return np.array(
-        [
-            [1.0 + 3.0 * v, 0.0, 0.0, s / n, 2.0 * v / n, 0.0],
-            [-6.0 * d, 1.0, 0.0, -2.0 * v / n, (s - 3.0 * d) / n, 0.0],
-            [0.0, 0.0, c, 0.0, 0.0, s / n],
-            [3.0 * n * s, 0.0, 0.0, c, 2.0 * s, 0.0],
-            [-6.0 * n * v, 0.0, 0.0, -2.0 * s, 1.0 - 4.0 * v, 0.0],
-            [0.0, 0.0, -n * s, 0.0, 0.0, c],
-        ]
-    )
 
 
 def force_response(mean_motion: float, duration: float) -> FloatArray:

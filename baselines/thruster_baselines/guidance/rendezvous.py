@@ -97,7 +97,7 @@ class RendezvousPlanner:
         group: int = 5,
     ) -> None:
         self.period = spacecraft.control_period
-        self.mean_motion = spacecraft.mean_motion
+        self.mean_motion = spacecraft.circular_mean_motion("the rendezvous planner")
         if max_on_time is None:
             max_on_time = _SHARE_OF_PERIOD * spacecraft.control_period
         self._model = Model.of(spacecraft, max_on_time)

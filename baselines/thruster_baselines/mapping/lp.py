@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
-from thruster_baselines.mapping.operations import Operations, operations_of
 from thruster_baselines.mapping.sequence import LPSequence
 from thruster_baselines.mapping.simplex import OPTIMAL, solve_batch, solve_range
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
@@ -106,18 +105,18 @@ class LPMapper(CompiledMapper):
             worlds=worlds, threads=self._threads, fuel_may_win=True,
         )  # fmt: skip
 
-    def operations(self, command: ArrayLike) -> Operations:
-        """Arithmetic operations that the simplex method takes for each command (..., m).
+    def pivots(self, command: ArrayLike) -> tuple[IntArray, IntArray]:
+        """How many steps the simplex method takes for each command (..., m).
 
-        Counted as in Yang 2003, Table 2: an addition, subtraction, multiplication or division of two numbers
-        is one.
+        Returns:
+            Changes of basis, and moves of a thruster from one bound straight to the other; both (...,).
         """
         commands = np.array(command, dtype=np.float64, order="C")
-        m, n = self._model.effectiveness.shape
+        m = self._single[0]
         require_command_shape(commands, m)
         require_finite_command(commands)
         report = self._run(commands.reshape(-1, m), *self._alone)[3].reshape(*commands.shape[:-1], 3)
-        return operations_of(report[..., 1], report[..., 2], axes=m, thrusters=n)
+        return report[..., 1].copy(), report[..., 2].copy()
 
     def _run(
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray

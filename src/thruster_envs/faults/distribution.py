@@ -4,8 +4,11 @@ With the given probability a world draws a number of faults, uniform over `count
 independently of the others, its craft (uniform), its kind (by weight), its severity, onset, duration,
 profile time and dwell (uniform over their ranges), its profile (uniform over `profiles`; the kind
 `intermittent` has its own), its azimuth (uniform over the circle) and its thruster (uniform over those of
-its craft that have no fault yet). Either all faults or none strike all thrusters on the same capacitor. The
-draws themselves are made by the environments, from each world's own stream.
+its craft that have no fault yet). Either all faults or none strike all thrusters on the same capacitor.
+Independently of that, with the probability `sensor_probability` it draws a number of faults of sensors,
+uniform over `sensor_count`, each with its craft, sensor, axis, kind and severity; onset, duration, profile,
+profile time and dwell are drawn from the same ranges. The draws themselves are made by the environments, from
+each world's own streams, of which that for sensors is another than that for thrusters.
 
 Left out: dependence between faults, onsets that depend on how much a thruster has fired.
 """
@@ -14,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,34 +25,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thruster_envs.configuration import coerce_fields, from_mapping, require, shown
-from thruster_envs.faults.record import (
+from thruster_envs.faults.kinds import (
+    DEFAULT_SEVERITY,
     GENERAL_KINDS,
     KINDS,
-    PROFILES,
-    Fault,
-    check_end,
+    SENSOR_KINDS,
+    SENSORS,
+    Range,
     check_kind,
-    check_profile,
-    check_profile_time,
+    check_sensor,
     check_severity,
+    drawn_severity,
 )
+from thruster_envs.faults.record import PROFILES, Fault, check_end, check_profile, check_profile_time
 
-Range = tuple[float, float]
-
-DEFAULT_SEVERITY: dict[str, Range] = {
-    "stuck_off": (1.0, 1.0),
-    "stuck_on": (1.0, 1.0),
-    "loss": (0.3, 0.9),
-    "leak": (0.1, 0.5),
-    "misalignment": (0.1, 0.5),
-    "late_opening": (0.5, 2.0),
-    "intermittent": (1.0, 1.0),
-    "propellant_loss": (0.9, 0.98),
-    "electrode_sediment": (0.15, 0.5),
-    "conductivity_loss": (0.009, 0.03),
-    "slow_opening": (0.1, 0.5),
-}
-"""Range of the severity of each kind unless the distribution has another: shares, rad, s, ohm."""
+__all__ = ["DEFAULT_SEVERITY", "FaultDistribution", "as_faults"]
 
 MOST_GRID_STEPS = 1e15
 """Most steps of an onset grid up to the latest onset: whole numbers that a float holds exactly."""
@@ -73,7 +63,17 @@ KIND_CUMULATIVE = 13  # one per kind: the kind is the first one whose entry is a
 SEVERITY_LOW = KIND_CUMULATIVE + len(KINDS)  # one per kind
 SEVERITY_WIDTH = SEVERITY_LOW + len(KINDS)  # one per kind
 PROFILE_CUMULATIVE = SEVERITY_WIDTH + len(KINDS)  # one per profile, as for the kinds
-NUMBER_OF_CHOICES = PROFILE_CUMULATIVE + len(PROFILES)  # how many thrusters may fail; 0: all
+SENSOR_PROBABILITY = PROFILE_CUMULATIVE + len(PROFILES)
+SENSOR_COUNT_LOW = SENSOR_PROBABILITY + 1
+SENSOR_COUNT_WIDTH = SENSOR_COUNT_LOW + 1
+SENSOR_CUMULATIVE = SENSOR_COUNT_WIDTH + 1  # one per sensor
+AXIS_CUMULATIVE = SENSOR_CUMULATIVE + len(SENSORS)  # one per axis, that for all three first
+SENSOR_KIND_CUMULATIVE = AXIS_CUMULATIVE + 4  # one per kind of a sensor
+SENSOR_SEVERITY_LOW = SENSOR_KIND_CUMULATIVE + len(SENSOR_KINDS)  # sensor by sensor, one per kind
+SENSOR_SEVERITY_WIDTH = SENSOR_SEVERITY_LOW + len(SENSORS) * len(SENSOR_KINDS)  # the same
+NUMBER_OF_CHOICES = SENSOR_SEVERITY_WIDTH + len(SENSORS) * len(
+    SENSOR_KINDS
+)  # thrusters that may fail; 0: all
 FIRST_CHOICE = NUMBER_OF_CHOICES + 1  # their indices, from 0
 
 
@@ -96,6 +96,14 @@ class FaultDistribution:
         thrusters: Numbers, from 1, of the thrusters that may fail; None for all that are in use at the start.
         onset_grid: Onsets are rounded down to multiples of this, s; 0 leaves them as they are drawn.
         shared: Whether each fault strikes all thrusters that share a capacitor with the one drawn.
+        sensor_probability: That a world draws any faults of sensors, whatever its thrusters do.
+        sensors: The sensors that may fail, equally likely; None for all that measure.
+        sensor_kinds: The kinds of fault of sensors that occur, equally likely, or kind to weight. A `freeze`
+            takes the profiles `ramp` and `sine` as `step`.
+        sensor_count: Fewest and most faults of sensors of a world that draws any.
+        sensor_severity: Sensor to kind to range, in the unit of the kind; others keep what counts for the
+            sensor (`thruster_envs.faults.kinds.drawn_severity`).
+        sensor_axes: The axes that may fail, equally likely: 1 to 3, and 0 for all three at once.
 
     Raises:
         ValueError: A value that no distribution can have; one line says which and what would be right.
@@ -113,12 +121,19 @@ class FaultDistribution:
     thrusters: tuple[int, ...] | None = None
     onset_grid: float = 0.0
     shared: bool = False
+    sensor_probability: float = 0.0
+    sensors: tuple[str, ...] | None = None
+    sensor_kinds: tuple[str, ...] | Mapping[str, float] = field(default=SENSOR_KINDS, hash=False)
+    sensor_count: tuple[int, int] = (1, 1)
+    sensor_severity: Mapping[str, Mapping[str, Range]] = field(default_factory=dict, hash=False)
+    sensor_axes: tuple[int, ...] = (1, 2, 3)
 
     def __post_init__(self) -> None:
         coerce_fields(self)
         require(0.0 <= self.probability <= 1.0, "probability", self.probability, "a number from 0 to 1")
-        self._check_kinds()
+        _check_weights("kinds", self.kinds, None)
         self._check_severity()
+        self._check_sensors()
         require(1 <= self.count[0] <= self.count[1], "count", self.count, "a range of numbers from 1")
         _check_range("onset", self.onset, low=0.0)
         _check_range("profile_time", self.profile_time, low=0.0)
@@ -153,12 +168,19 @@ class FaultDistribution:
 
     def kind_weights(self) -> dict[str, float]:
         """The kinds that occur and their weights."""
-        if isinstance(self.kinds, Mapping):
-            return {kind: weight for kind, weight in self.kinds.items() if weight > 0.0}
-        return dict.fromkeys(self.kinds, 1.0)
+        return _weights(self.kinds)
+
+    def sensor_kind_weights(self) -> dict[str, float]:
+        """The kinds of fault of sensors that occur, where any do, and their weights."""
+        return _weights(self.sensor_kinds)
 
     def encode(
-        self, number_of_thrusters: int | None = None, number_of_craft: int = 1, *, spare: int = 0
+        self,
+        number_of_thrusters: int | None = None,
+        number_of_craft: int = 1,
+        *,
+        spare: int = 0,
+        sensors: tuple[str, ...] = SENSORS,
     ) -> NDArray[np.float64]:
         """The distribution as a flat table, which a compiled kernel draws from.
 
@@ -167,6 +189,7 @@ class FaultDistribution:
             number_of_craft: In the world.
             spare: Thrusters of each craft's spare branch, whose numbers go on after the others; they fail
                 where they are listed.
+            sensors: Those that measure, in the order of their codes.
 
         Returns:
             (FIRST_CHOICE + k,): laid out by the index constants of this module; k is the number of
@@ -204,29 +227,58 @@ class FaultDistribution:
             table[SEVERITY_LOW + index] = self.severity[kind][0]
             table[SEVERITY_WIDTH + index] = _width(self.severity[kind])
         table[KIND_CUMULATIVE:SEVERITY_LOW] = _cumulative([weights.get(kind, 0.0) for kind in KINDS])
-        table[PROFILE_CUMULATIVE:NUMBER_OF_CHOICES] = _cumulative(
+        table[PROFILE_CUMULATIVE:SENSOR_PROBABILITY] = _cumulative(
             [float(self.profiles.count(profile)) for profile in PROFILES]
         )
+        if self.sensor_probability > 0.0:
+            self._encode_sensors(table, sensors)
         table[NUMBER_OF_CHOICES] = len(choices)
         table[FIRST_CHOICE:] = np.array(choices, dtype=np.float64) - 1.0
         return table
 
-    def _check_kinds(self) -> None:
-        for kind in self.kinds:
-            check_kind(kind)
-        if isinstance(self.kinds, Mapping):
-            for kind, weight in self.kinds.items():
-                require(
-                    math.isfinite(weight) and weight >= 0.0,
-                    f"weight of the kind {kind!r}",
-                    weight,
-                    "a finite number, zero or more",
-                )
-        else:
-            require(len(set(self.kinds)) == len(self.kinds), "kinds", self.kinds, "each kind once")
-        if not math.isfinite(sum(self.kind_weights().values())):
-            raise ValueError("kinds must have weights with a finite sum, got inf")
-        require(len(self.kind_weights()) > 0, "kinds", self.kinds, "at least one kind with a weight above 0")
+    def _encode_sensors(self, table: NDArray[np.float64], sensors: tuple[str, ...]) -> None:
+        failing, weights = self.sensors or sensors, self.sensor_kind_weights()
+        table[SENSOR_PROBABILITY] = self.sensor_probability
+        table[SENSOR_COUNT_LOW], table[SENSOR_COUNT_WIDTH] = self.sensor_count[0], _width(self.sensor_count)
+        table[SENSOR_CUMULATIVE:AXIS_CUMULATIVE] = _cumulative([float(one in failing) for one in SENSORS])
+        table[AXIS_CUMULATIVE:SENSOR_KIND_CUMULATIVE] = _cumulative(
+            [float(axis in self.sensor_axes) for axis in range(4)]
+        )
+        table[SENSOR_KIND_CUMULATIVE:SENSOR_SEVERITY_LOW] = _cumulative(
+            [weights.get(kind, 0.0) for kind in SENSOR_KINDS]
+        )
+        for place, (sensor, kind) in enumerate((one, kind) for one in SENSORS for kind in SENSOR_KINDS):
+            values = self.sensor_severity[sensor][kind]
+            table[SENSOR_SEVERITY_LOW + place] = values[0]
+            table[SENSOR_SEVERITY_WIDTH + place] = _width(values)
+
+    def _check_sensors(self) -> None:
+        require(
+            0.0 <= self.sensor_probability <= 1.0,
+            "sensor_probability", self.sensor_probability, "a number from 0 to 1",
+        )  # fmt: skip
+        _check_weights("sensor_kinds", self.sensor_kinds, "")
+        require(
+            1 <= self.sensor_count[0] <= self.sensor_count[1],
+            "sensor_count", self.sensor_count, "a range of numbers from 1",
+        )  # fmt: skip
+        sensors = SENSORS if self.sensors is None else self.sensors
+        require(len(sensors) > 0, "sensors", sensors, "at least one sensor, or None,")
+        for sensor in (*sensors, *self.sensor_severity):
+            check_sensor(sensor)
+        require(len(set(sensors)) == len(sensors), "sensors", sensors, "each sensor once")
+        axes = self.sensor_axes
+        if not axes or len(set(axes)) != len(axes) or not all(0 <= axis <= 3 for axis in axes):
+            raise ValueError(f"sensor_axes must be numbers from 0 to 3, each once, got {axes}")
+        whole = {}
+        for sensor in SENSORS:
+            own = self.sensor_severity.get(sensor, {})
+            for kind, values in own.items():
+                for end in values:
+                    check_severity(kind, end, sensor)
+                _check_range(f"severity of {kind!r} of {sensor!r}", values, low=-math.inf)
+            whole[sensor] = {kind: drawn_severity(kind, sensor) for kind in SENSOR_KINDS} | dict(own)
+        object.__setattr__(self, "sensor_severity", whole)
 
     def _check_severity(self) -> None:
         for kind, values in self.severity.items():
@@ -275,7 +327,7 @@ def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
     )
 
 
-_KEYS_OF_A_FAULT = frozenset({"thruster", "kind"})
+_KEYS_OF_A_FAULT = frozenset({"thruster", "actuator", "sensor", "kind"})
 _KEYS_OF_A_DISTRIBUTION = frozenset(one.name for one in dataclasses.fields(FaultDistribution))
 
 
@@ -284,7 +336,43 @@ def _as_fault(value: Any, where: str) -> Fault:
         raise ValueError(
             f"{where} is a FaultDistribution; a Fault, or the distribution by itself, would be right"
         )
+    if isinstance(value, Mapping):
+        value = dict(value)
+        if "kind" not in value and not value.keys() - _FIELDS_OF_A_FAULT:
+            raise ValueError(f"{where}: the key 'kind' is missing")
+        if "actuator" in value:
+            if "thruster" in value:
+                raise ValueError(f"{where}: 'thruster' and 'actuator' are two names of one number; give one")
+            value["thruster"] = value.pop("actuator")
     return from_mapping(Fault, value, where)
+
+
+_FIELDS_OF_A_FAULT = frozenset(one.name for one in dataclasses.fields(Fault)) | {"actuator"}
+
+
+def _weights(kinds: Iterable[str] | Mapping[str, float]) -> dict[str, float]:
+    if isinstance(kinds, Mapping):
+        return {kind: weight for kind, weight in kinds.items() if weight > 0.0}
+    return dict.fromkeys(kinds, 1.0)
+
+
+def _check_weights(name: str, kinds: tuple[str, ...] | Mapping[str, float], sensor: str | None) -> None:
+    """Refuse kinds that are none, or without weights from which one can be drawn."""
+    for kind in kinds:
+        check_kind(kind, sensor)
+    if isinstance(kinds, Mapping):
+        for kind, weight in kinds.items():
+            require(
+                math.isfinite(weight) and weight >= 0.0,
+                f"weight of the kind {kind!r}",
+                weight,
+                "a finite number, zero or more",
+            )
+    else:
+        require(len(set(kinds)) == len(kinds), name, kinds, "each kind once")
+    if not math.isfinite(sum(_weights(kinds).values())):
+        raise ValueError(f"{name} must have weights with a finite sum, got inf")
+    require(len(_weights(kinds)) > 0, name, kinds, "at least one kind with a weight above 0")
 
 
 def _check_range(name: str, values: Range, low: float, high: float = math.inf) -> None:

@@ -11,17 +11,36 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.faults.record import KINDS, PROFILES, Fault
+from thruster_envs.faults.kinds import CODES, KINDS, SENSOR_CODES, SENSOR_KINDS, SENSORS
+from thruster_envs.faults.record import PROFILES, Fault
 
 EMPTY = 0
 (
     STUCK_OFF, STUCK_ON, LOSS, LEAK, MISALIGNMENT, LATE_OPENING, INTERMITTENT,
-    PROPELLANT_LOSS, ELECTRODE_SEDIMENT, CONDUCTIVITY_LOSS, SLOW_OPENING,
-) = range(1, len(KINDS) + 1)  # fmt: skip
-"""Codes of the kinds."""
+    PROPELLANT_LOSS, ELECTRODE_SEDIMENT, CONDUCTIVITY_LOSS, SLOW_OPENING, SIGN, BIAS,
+) = (
+    CODES[name] for name in (
+        "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
+        "propellant_loss", "electrode_sediment", "conductivity_loss", "slow_opening", "sign", "bias",
+    )
+)  # fmt: skip
+"""Codes of the kinds of actuators."""
+
+SENSOR_BIAS, SENSOR_DRIFT, SENSOR_SCALE, SENSOR_FREEZE, SENSOR_SPIKE, SENSOR_DROP_OUT = (
+    SENSOR_CODES[name] for name in ("bias", "drift", "scale", "freeze", "spike", "drop_out")
+)
+"""Codes of the kinds of sensors."""
+
+POSITION, VELOCITY, ATTITUDE, RATE = (
+    SENSORS.index(name) + 1 for name in ("position", "velocity", "attitude", "rate")
+)
+"""Codes of the sensors."""
 
 STEP, RAMP, SINE, SQUARE = range(len(PROFILES))
 """Codes of the profiles; `SQUARE` is the profile named "intermittent"."""
+
+IN_USE, REDUNDANT = 0, 1
+"""Codes of the branches: that in use, and one that is not."""
 
 FAULT_FIELDS = (
     "kind",
@@ -34,10 +53,15 @@ FAULT_FIELDS = (
     "dwell",
     "azimuth",
     "shared",
+    "branch",
+    "sensor",
+    "axis",
 )
-"""The columns of an encoded fault: kind code, with a minus sign as long as the thruster is on a spare branch
-that is not in use; thruster index from 0; severity; onset and end in s; profile code; profile_time in s;
-dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same capacitor, else 0."""
+"""The columns of an encoded fault: kind code, of an actuator or, where the sensor is not 0, of a sensor;
+thruster index from 0 within its branch, -1 where a sensor fails; severity; onset and end in s; profile code;
+profile_time in s; dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same capacitor,
+else 0; 0 on the branch in use, 1 on the redundant one, where it does not act; code of the sensor from 1, 0
+for a fault of a thruster; axis from 1, 0 for all three."""
 
 (
     FIELD_KIND,
@@ -50,6 +74,9 @@ dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same c
     FIELD_DWELL,
     FIELD_AZIMUTH,
     FIELD_SHARED,
+    FIELD_BRANCH,
+    FIELD_SENSOR,
+    FIELD_AXIS,
 ) = range(len(FAULT_FIELDS))
 """Indices of the columns."""
 
@@ -64,11 +91,10 @@ def encode(
         number_of_craft: Spacecraft in the world.
         number_of_thrusters: Of each craft.
         slots: Faults that a craft can have.
-        spare: Thrusters of each craft's spare branch, whose numbers go on after the others.
+        spare: Thrusters of each craft's redundant branch, whose numbers go on after the others.
 
     Returns:
-        (craft, slots, 10), columns as in `FAULT_FIELDS`; unused slots are zero. Kinds are positive, and
-        indices of thrusters on a spare branch go on after the others.
+        (craft, slots, 13), columns as in `FAULT_FIELDS`; unused slots are zero.
 
     Raises:
         ValueError: A craft or thruster that does not exist, or more faults on a craft than it has slots.
@@ -94,9 +120,11 @@ def encode(
             raise ValueError(
                 f"fault {number} is one too many for craft {fault.craft}; at most {slots} would be right"
             )
+        redundant = fault.thruster > number_of_thrusters
+        kinds = KINDS if fault.sensor is None else SENSOR_KINDS
         rows[craft, used[craft]] = (
-            KINDS.index(fault.kind) + 1,
-            fault.thruster - 1,
+            kinds.index(fault.kind) + 1,
+            fault.thruster - 1 - (number_of_thrusters if redundant else 0),
             fault.severity,
             fault.onset,
             fault.onset + fault.duration,
@@ -105,16 +133,20 @@ def encode(
             fault.dwell,
             fault.azimuth,
             fault.shared,
+            REDUNDANT if redundant else IN_USE,
+            0 if fault.sensor is None else SENSORS.index(fault.sensor) + 1,
+            fault.axis,
         )
         used[craft] += 1
     return rows
 
 
-def decode(rows: ArrayLike) -> list[Fault]:
+def decode(rows: ArrayLike, number_of_thrusters: int | None = None) -> list[Fault]:
     """The faults of one world, or of one craft.
 
     Args:
-        rows: (craft, slots, 10) or (slots, 10), columns as in `FAULT_FIELDS`.
+        rows: (craft, slots, 13) or (slots, 13), columns as in `FAULT_FIELDS`.
+        number_of_thrusters: Of each craft; needed where one is on a redundant branch.
 
     Returns:
         The faults in the order craft, slot. A finite duration is `end - onset`, which may differ from the
@@ -133,27 +165,41 @@ def decode(rows: ArrayLike) -> list[Fault]:
     faults = []
     for craft, slots in enumerate(craft_rows, start=1):
         for slot, row in enumerate(slots.tolist(), start=1):
-            kind, thruster, severity, onset, end, profile, profile_time, dwell, azimuth, shared = row
+            fault = dict(zip(FAULT_FIELDS, row, strict=True))
+            kind, profile, sensor, branch = (fault[one] for one in ("kind", "profile", "sensor", "branch"))
             if kind == EMPTY:
                 continue
-            if kind not in range(1, len(KINDS) + 1) or profile not in range(len(PROFILES)):
+            kinds = KINDS if sensor == 0 else SENSOR_KINDS
+            for name, value, lowest, most in (
+                ("sensor", sensor, 0, len(SENSORS)), ("kind", kind, 1, len(kinds)),
+                ("profile", profile, 0, len(PROFILES) - 1), ("branch", branch, IN_USE, REDUNDANT),
+            ):  # fmt: skip
+                if value not in range(lowest, most + 1):
+                    raise ValueError(
+                        f"craft {craft}, slot {slot}: {name} {value:g} is no code; it must be from {lowest} "
+                        f"to {most}"
+                    )
+            if branch == REDUNDANT and number_of_thrusters is None:
                 raise ValueError(
-                    f"craft {craft}, slot {slot}: kind {kind:g} and profile {profile:g} are codes; "
-                    f"0 to {len(KINDS)} and 0 to {len(PROFILES) - 1} would be right"
+                    f"craft {craft}, slot {slot} is on the redundant branch; "
+                    "number_of_thrusters must be given"
                 )
+            beyond = number_of_thrusters or 0 if branch == REDUNDANT else 0
             faults.append(
                 Fault(
-                    int(thruster) + 1,
-                    KINDS[int(kind) - 1],
-                    severity=severity,
-                    onset=onset,
-                    duration=end - onset,
+                    int(fault["thruster"]) + 1 + beyond,
+                    kinds[int(kind) - 1],
+                    severity=fault["severity"],
+                    onset=fault["onset"],
+                    duration=fault["end"] - fault["onset"],
                     profile=PROFILES[int(profile)],
-                    profile_time=profile_time,
-                    dwell=dwell,
-                    azimuth=azimuth,
+                    profile_time=fault["profile_time"],
+                    dwell=fault["dwell"],
+                    azimuth=fault["azimuth"],
                     craft=craft,
-                    shared=shared != 0.0,
+                    shared=fault["shared"] != 0.0,
+                    sensor=None if sensor == 0 else SENSORS[int(sensor) - 1],
+                    axis=int(fault["axis"]),
                 )
             )
     return faults

@@ -15,11 +15,36 @@ Left out: several faults of one thruster, which together may be another mode tha
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from thruster_envs.faults import encoding as code
-from thruster_envs.faults.record import KINDS, check_kind, check_severity
+import numpy as np
+
+from thruster_envs.faults.kinds import (
+    ACTUATOR_TABLE,
+    CODES,
+    DEAD_FROM,
+    PROPELLANT_WEAK_FROM,
+    RESISTANCE_DEAD_FROM,
+    RESISTANCE_WEAK_FROM,
+    STUCK_FROM,
+    WEAK_FROM,
+    check_severity,
+    kind_of,
+)
 from thruster_envs.kernels import kernel
+
+__all__ = [
+    "DEAD_FROM",
+    "MODES",
+    "PROPELLANT_WEAK_FROM",
+    "RESISTANCE_DEAD_FROM",
+    "RESISTANCE_WEAK_FROM",
+    "STUCK_FROM",
+    "WEAK_FROM",
+    "mode_number",
+    "mode_of",
+]
 
 MODES: tuple[str, ...] = ("dead", "weak", "slightly weak", "leaking", "stuck open", "tilted or late")
 """The modes, in the order of their numbers from 0.
@@ -34,49 +59,43 @@ MODES: tuple[str, ...] = ("dead", "weak", "slightly weak", "leaking", "stuck ope
 | 2 | slightly weak | stuck_off, loss, intermittent | below 0.5 |
 | 2 | slightly weak | propellant_loss | below 0.9863 |
 | 2 | slightly weak | conductivity_loss | below 0.0448 ohm |
-| 3 | leaking | leak, stuck_on | below 0.5 |
-| 4 | stuck open | leak, stuck_on | 0.5 and more |
-| 5 | tilted or late | misalignment, late_opening, slow_opening, electrode_sediment | any |
+| 3 | leaking | leak, stuck_on, bias | below 0.5 |
+| 4 | stuck open | leak, stuck_on, bias | 0.5 and more |
+| 5 | tilted or late | misalignment, late_opening, slow_opening, electrode_sediment, sign | any |
+
+From which severity on a kind has which mode stands in `thruster_envs.faults.kinds`.
 """
 
-#: Shares of the thrust from which on a thruster counts as weak and as dead, and opening from which on it
-#: counts as stuck open.
-WEAK_FROM, DEAD_FROM, STUCK_FROM = 0.5, 0.9, 0.5
-
-#: The same in the severities of faults of a discharge: share of the slug with which half of the thrust is
-#: lost, and added resistance, ohm, with which half and nine tenths are.
-PROPELLANT_WEAK_FROM, RESISTANCE_WEAK_FROM, RESISTANCE_DEAD_FROM = 0.9863, 0.0448, 0.399
+_MOST = max(len(one.modes) for one in ACTUATOR_TABLE)
+#: (kinds, most modes), the severity from which on a kind has a mode, infinite where it has no more of them,
+#: and the number of the mode.
+_FROM = np.full((len(ACTUATOR_TABLE), _MOST), math.inf)
+_MODE = np.zeros((len(ACTUATOR_TABLE), _MOST), np.int64)
+for _kind, _line in enumerate(ACTUATOR_TABLE):
+    for _place, (_severity, _name) in enumerate(_line.modes):
+        _FROM[_kind, _place], _MODE[_kind, _place] = _severity, MODES.index(_name)
 
 
 def mode_of(kind: str, severity: float) -> int:
     """Number of the mode of a fault.
 
     Raises:
-        ValueError: A kind or severity that no fault can have.
+        ValueError: A kind or severity that no fault can have, or a kind that has no mode.
 
     >>> MODES[mode_of("loss", 0.6)], MODES[mode_of("leak", 0.2)]
     ('weak', 'leaking')
     """
-    check_kind(kind)
     check_severity(kind, severity)
-    return int(mode_number(KINDS.index(kind) + 1, severity))
+    if not kind_of(kind).modes:
+        raise ValueError(f"kind must be one of a thruster to have a mode, got {kind!r}")
+    return int(mode_number(CODES[kind], severity))
 
 
 @kernel
 def mode_number(kind: Any, severity: Any) -> int:
     """:func:`mode_of` for a kind by its code."""
-    if (
-        kind == code.MISALIGNMENT
-        or kind == code.LATE_OPENING
-        or kind == code.SLOW_OPENING
-        or kind == code.ELECTRODE_SEDIMENT
-    ):
-        return 5
-    if kind == code.STUCK_ON or kind == code.LEAK:
-        return 4 if severity >= STUCK_FROM else 3
-    if kind == code.PROPELLANT_LOSS:
-        return 1 if severity >= PROPELLANT_WEAK_FROM else 2
-    weak, dead = WEAK_FROM, DEAD_FROM
-    if kind == code.CONDUCTIVITY_LOSS:
-        weak, dead = RESISTANCE_WEAK_FROM, RESISTANCE_DEAD_FROM
-    return 0 if severity >= dead else (1 if severity >= weak else 2)
+    mode = _MODE[kind - 1, 0]
+    for place in range(1, _MODE.shape[1]):
+        if severity >= _FROM[kind - 1, place]:
+            mode = _MODE[kind - 1, place]
+    return mode  # type: ignore[no-any-return]  # of an array of whole numbers

@@ -1,61 +1,65 @@
-"""One fault of one thruster, or of all that share its capacitor.
+"""One fault: of one thruster, of all that share its capacitor, or of one sensor.
 
-The kinds are those of Yang 2003 (section 4.2: full off, partial, full on, drift); four that the source
-lacks: leak, misalignment, late opening, intermittent; and three of pulsed plasma thrusters, which change the
-discharge and by it the thrust (Valdes 2008, chapter 4: fault cases 1 to 3): propellant loss, electrode
-sediment, conductivity loss; and one of thrusters whose thrust follows the valve with a lag: slow opening.
-A fault is active from `onset` until `onset + duration`; while it is, its
-severity follows its profile in time.
+The kinds stand in `thruster_envs.faults.kinds`. Those of Yang 2003 (section 4.2: full off, partial, full on,
+drift) are there; four that the source lacks: leak, misalignment, late opening, intermittent; three of pulsed
+plasma thrusters, which change the discharge and by it the thrust (Valdes 2008, chapter 4: fault cases 1 to
+3); one of thrusters whose thrust follows the valve with a lag: slow opening; and two of wiring and command:
+sign and bias. A fault is active from `onset` until `onset + duration`; while it is, its severity follows its
+profile in time.
 
-Left out: faults of sensors, of the propellant feed and of the spacecraft's mass properties.
+Left out: faults of the propellant feed and of the spacecraft's mass properties.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
-from typing import Literal, get_args
+from dataclasses import KW_ONLY, InitVar, dataclass
+from typing import Any, Literal, get_args
 
 from thruster_envs.configuration import coerce_fields, require, shown, suggestion
-from thruster_envs.spacecraft.description import LONGEST_LAG
-
-Kind = Literal[
-    "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
-    "propellant_loss", "electrode_sediment", "conductivity_loss", "slow_opening",
-]  # fmt: skip
-Profile = Literal["step", "ramp", "sine", "intermittent"]
-
-KINDS: tuple[str, ...] = get_args(Kind)
-"""The kinds of fault, in the order of their codes; the first has code 1, since 0 marks an empty slot."""
-
-DISCHARGE_KINDS: tuple[str, ...] = ("propellant_loss", "electrode_sediment", "conductivity_loss")
-"""The kinds that only a spacecraft with a discharge can have: they change a pulse of its thrusters."""
-
-MODULATOR_KINDS: tuple[str, ...] = ("slow_opening",)
-"""The kinds that only a spacecraft with a modulator can have."""
-
-GENERAL_KINDS: tuple[str, ...] = tuple(
-    kind for kind in KINDS if kind not in DISCHARGE_KINDS + MODULATOR_KINDS
+from thruster_envs.faults.kinds import (
+    ACTUATOR_TABLE,
+    DISCHARGE_KINDS,
+    FULL_SCALE,
+    GENERAL_KINDS,
+    KINDS,
+    LARGEST_RESISTANCE,
+    LARGEST_SHARE,
+    MODULATOR_KINDS,
+    SENSOR_TABLE,
+    check_kind,
+    check_sensor,
+    check_severity,
+    default_severity,
+    described,
+    kind_of,
 )
-"""The kinds that any spacecraft can have."""
+
+__all__ = [
+    "DEFAULT_INTERMITTENT_PERIOD",
+    "DISCHARGE_KINDS",
+    "FULL_SCALE",
+    "GENERAL_KINDS",
+    "KINDS",
+    "LARGEST_RESISTANCE",
+    "LARGEST_SHARE",
+    "MODULATOR_KINDS",
+    "PROFILES",
+    "SHORTEST_PROFILE_TIME",
+    "Fault",
+    "Profile",
+    "check_end",
+    "check_kind",
+    "check_profile",
+    "check_profile_time",
+    "check_severity",
+    "default_severity",
+]
+
+Profile = Literal["step", "ramp", "sine", "intermittent"]
 
 PROFILES: tuple[str, ...] = get_args(Profile)
 """The profiles in time, in the order of their codes; the first has code 0."""
-
-FULL_SCALE: dict[str, float] = dict.fromkeys(KINDS, 1.0) | {
-    "misalignment": math.pi / 2,
-    "late_opening": 5.0,
-    "conductivity_loss": 0.1,
-    "slow_opening": 1.0,
-}
-"""Per kind, the severity that counts as one where severities are shown on a common scale: shares, rad, s,
-ohm."""
-
-LARGEST_SHARE: dict[str, float] = {"propellant_loss": 0.995, "electrode_sediment": 0.75}
-"""Largest severity of the kinds that may lose no more than this: a discharge needs a slug and a gap."""
-
-LARGEST_RESISTANCE = 1.0
-"""Largest severity of a conductivity loss, ohm."""
 
 SHORTEST_PROFILE_TIME = 1e-6
 """Shortest ramp or period of a wave, s."""
@@ -68,43 +72,46 @@ DEFAULT_INTERMITTENT_PERIOD = 20.0
 class Fault:
     """What fails, how, how badly, from when, until when, with what profile in time.
 
-    Attributes:
-        thruster: Its number, from 1.
-        kind: What goes wrong; `severity` says how badly:
+    Either a thruster fails or a sensor: `Fault(1, "leak")`, or `Fault(sensor="rate", axis=2, kind="bias")`.
 
-            - `stuck_off`: the valve does not open: share of the flow lost (1 = dead).
-            - `stuck_on`: the valve's opening whatever is commanded (1 = fully open).
-            - `loss`: share of the thrust lost while the flow goes on.
-            - `leak`: opening of the closed valve.
-            - `misalignment`: angle in rad, up to pi/2, by which the thrust tilts towards `azimuth`.
-            - `late_opening`: further opening delay in s.
-            - `intermittent`: as `stuck_off`, coming and going; its profile is always `intermittent`.
-            - `propellant_loss`: share of the slug of plasma that is lost; the thrust falls.
-            - `electrode_sediment`: share of the electrodes' width that is lost; the thrust rises.
-            - `conductivity_loss`: resistance added to the circuit, ohm; the thrust falls.
-            - `slow_opening`: time added to the time constant with which the thrust rises and falls, s.
-        severity: As the kind has it; shares lie in 0..1. Unless given, 1 in the unit of the kind, or the
-            largest that the kind can have where that is less (`default_severity`).
+    Attributes:
+        thruster: Number of the thruster that fails, from 1; 0 where a sensor does. `actuator` is another
+            name of it.
+        kind: What goes wrong; `severity` says how badly. Of a thruster:
+
+            {actuators}
+
+            Of a sensor, where "the measurement" is that of `axis`:
+
+            {sensors}
+        severity: As the kind has it; shares lie in 0..1, and what is added to a measurement is in the unit of
+            the sensor (m, m/s, rad, rad/s). Unless given, 1 in the unit of the kind, or the largest that the
+            kind can have where that is less; of a sensor, what counts for it (`default_severity`).
         onset: When it begins, s from the start of the episode.
-        duration: How long it lasts, s; after that the thruster is sound again.
+        duration: How long it lasts, s; after that the thruster or sensor is sound again.
         profile: How the severity goes with the time since onset:
 
             - `step`: at once.
             - `ramp`: linearly from zero over `profile_time`, then constant.
             - `sine`: `severity * (1 - cos(2 pi t / profile_time)) / 2`.
             - `intermittent`: a square wave of period `profile_time`, on during the first `dwell` of each.
+
+            A `freeze`, which only acts or does not, takes `step` and `intermittent`.
         profile_time: Length of the ramp, or period of the wave, s. For the kind `intermittent` 0 means 20 s.
         dwell: Share of each period during which an `intermittent` profile is on.
         azimuth: Direction of a misalignment about the nominal thrust, rad.
         craft: Number of the spacecraft that has the fault, from 1.
         shared: Whether it strikes all thrusters that share this one's capacitor.
+        sensor: `position` or `velocity` (LVLH axes), `attitude` or `rate` (body axes) where a sensor fails.
+            Faults of the attitude turn what is measured about body axes.
+        axis: 1, 2 or 3 where one axis of the sensor fails, 0 where all three do.
 
     Raises:
         ValueError: A value that no fault can have; one line says which and what would be right.
     """
 
-    thruster: int
-    kind: str
+    thruster: int = None  # type: ignore[assignment]  # a number from __post_init__ on: 0 where a sensor fails
+    kind: str = None  # type: ignore[assignment]  # required, but a sensor's fault has no thruster before it
     _: KW_ONLY
     severity: float = None  # type: ignore[assignment]  # a number from __post_init__ on: it goes by the kind
     onset: float = 0.0
@@ -115,14 +122,30 @@ class Fault:
     azimuth: float = 0.0
     craft: int = 1
     shared: bool = False
+    sensor: str | None = None
+    axis: int = 0
+    actuator: InitVar[int | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, actuator: int | None) -> None:
+        if actuator is not None and not isinstance(actuator, _Told):
+            if self.thruster is not None:
+                raise ValueError(
+                    f"thruster and actuator are two names of one number; only one of them must be given, got "
+                    f"{shown(self.thruster)} and {shown(actuator)}"
+                )
+            object.__setattr__(self, "thruster", actuator)
+        if self.thruster is None and self.sensor is not None:
+            object.__setattr__(self, "thruster", 0)
+        if self.axis is None:
+            object.__setattr__(self, "axis", 0)
+        if self.thruster is None:
+            raise ValueError("a fault must have a thruster or a sensor, got neither")
         if self.severity is None:
-            object.__setattr__(self, "severity", default_severity(self.kind))
+            object.__setattr__(self, "severity", default_severity(self.kind, self._sensor_name()))
         coerce_fields(self)
-        require(self.thruster >= 1, "thruster", self.thruster, "a number from 1")
+        self._check_whose()
         require(self.craft >= 1, "craft", self.craft, "a number from 1")
-        check_kind(self.kind)
+        check_kind(self.kind, self.sensor)
         check_profile(self.profile)
         if self.kind == "intermittent":
             if self.profile == "step":
@@ -132,7 +155,11 @@ class Fault:
             )
             if self.profile_time == 0.0:
                 object.__setattr__(self, "profile_time", DEFAULT_INTERMITTENT_PERIOD)
-        check_severity(self.kind, self.severity)
+        if not kind_of(self.kind, self.sensor).profiles and self.profile not in ("step", "intermittent"):
+            raise ValueError(
+                f"profile of a {self.kind!r} fault must be 'step' or 'intermittent', got {self.profile!r}"
+            )
+        check_severity(self.kind, self.severity, self.sensor)
         require(
             math.isfinite(self.onset) and self.onset >= 0.0,
             "onset",
@@ -158,20 +185,41 @@ class Fault:
         require(0.0 < self.dwell <= 1.0, "dwell", self.dwell, "a share above 0 and up to 1")
         require(math.isfinite(self.azimuth), "azimuth", self.azimuth, "a finite number of rad")
 
+    def _sensor_name(self) -> str | None:
+        return self.sensor if isinstance(self.sensor, str) else None
 
-def default_severity(kind: object) -> float:
-    """Severity of a fault of this kind whose severity is not given.
+    def _check_whose(self) -> None:
+        """Refuse a fault of no thruster and no sensor, and one of both."""
+        if self.sensor is None:
+            require(self.thruster >= 1, "thruster", self.thruster, "a number from 1")
+            if self.axis != 0:
+                raise ValueError(f"axis must be 0 where no sensor is given, got {self.axis}")
+            return
+        check_sensor(self.sensor)
+        if self.thruster != 0:
+            raise ValueError(
+                f"a fault must be of a thruster or of a sensor, got thruster {self.thruster} and "
+                f"sensor {self.sensor!r}"
+            )
+        if not 0 <= self.axis <= 3:
+            raise ValueError(f"axis must be 1, 2 or 3, or 0 for all three, got {self.axis}")
+        if self.shared:
+            raise ValueError("shared must be False for a fault of a sensor, got True")
 
-    >>> default_severity("stuck_off"), default_severity("electrode_sediment")
-    (1.0, 0.75)
-    """
-    return LARGEST_SHARE[kind] if isinstance(kind, str) and kind in LARGEST_SHARE else 1.0
+
+class _Told(int):
+    """The number of an actuator as a fault tells it, which `dataclasses.replace` hands back."""
 
 
-def check_kind(kind: str) -> None:
-    """Raise a `ValueError` that names the nearest kind unless `kind` is one."""
-    if kind not in KINDS:
-        raise ValueError(f"kind {shown(kind)} is unknown; {suggestion(kind, KINDS)}")
+setattr(Fault, "actuator", property(lambda fault: _Told(fault.thruster)))  # noqa: B010  # an argument's name
+
+
+_KINDS_IN_WORDS: dict[str, Any] = {
+    f"{{{name}}}": described(table).replace("\n", "\n            ")
+    for name, table in (("actuators", ACTUATOR_TABLE), ("sensors", SENSOR_TABLE))
+}
+for _name, _words in _KINDS_IN_WORDS.items():
+    Fault.__doc__ = (Fault.__doc__ or "").replace(_name, _words)  # none under python -OO
 
 
 def check_profile(profile: str) -> None:
@@ -193,21 +241,3 @@ def check_end(onset: float, duration: float) -> None:
             f"duration must be at least {math.ulp(onset):.3g} s with an onset of {onset:g} s, "
             f"got {duration:g} s"
         )
-
-
-def check_severity(kind: str, severity: float) -> None:
-    """Raise a `ValueError` unless a fault of this kind can be that severe."""
-    if kind == "misalignment":
-        right, largest = "an angle from 0 to pi/2 rad", math.pi / 2
-    elif kind == "late_opening":
-        right, largest = "a finite number of s, zero or more", math.nextafter(math.inf, 0.0)
-    elif kind == "slow_opening":
-        right, largest = f"a time from 0 to {LONGEST_LAG:g} s", LONGEST_LAG
-    elif kind == "conductivity_loss":
-        right, largest = f"a resistance from 0 to {LARGEST_RESISTANCE:g} ohm", LARGEST_RESISTANCE
-    elif kind in LARGEST_SHARE:
-        largest = LARGEST_SHARE[kind]
-        right = f"a share from 0 to {largest:g}"
-    else:
-        right, largest = "a share from 0 to 1", 1.0
-    require(0.0 <= severity <= largest, f"severity of a {kind!r} fault", severity, right)

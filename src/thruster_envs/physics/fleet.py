@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -18,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
     DISCHARGE_KINDS,
-    GENERAL_KINDS,
     MODULATOR_KINDS,
+    SENSORS,
+    THRUSTER_KINDS,
     Fault,
     FaultDistribution,
     encode,
@@ -27,10 +27,30 @@ from thruster_envs.faults import (
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing, flight, modulated_flight
-from thruster_envs.physics import layout as at
-from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
-from thruster_envs.physics.sensing import measure, uniform_errors, write_measurement
+from thruster_envs.physics import health, modulated_flight
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
+from thruster_envs.physics.period import choose_period
+from thruster_envs.physics.sensing import (
+    apply_first_sensor_faults,
+    apply_sensor_faults,
+    find_stale,
+    measure,
+    uniform_errors,
+    write_measurement,
+)
+from thruster_envs.physics.vehicle import (
+    MODULATED_SUBSTEP,
+    ORBIT_TURN,
+    SHORT_SUBSTEP,
+    STANDARD_GRAVITY,
+    arrange_rows,
+    open_vehicle,
+    pack_vehicle,
+    scalar_constants,
+    spin_up,
+    tilted_wrenches,
+)
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.threads import run_shared
@@ -41,37 +61,18 @@ BoolArray = NDArray[np.bool_]
 #: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
 FEW_CRAFT, MANY_CRAFT = 6, 1024
 
-#: Unless a longest sub-step is asked for, a craft turns in one sub-step by no more than this (rad) with its
-#: rate, and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then
-#: stay a thousand times below Orion's sensor noise over half an orbit.
-TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
-
-#: Nor does any craft turn further than this in a sub-step (rad) with its rate or with a torque, however fast
-#: it tumbles: its sub-steps are as short as that takes. So the error of a period is less than :data:`ERROR`
-#: times what its impulse moves a craft that does not turn (position, velocity), times the rate, and in
-#: attitude less than as many rad.
-FAR_TURN, FAR_TWIST = 0.25, 0.09
-
-#: The same behind a modulator, where a sub-step has a straight line for the thrust.
-MODULATED_TURN = 0.03
-
-#: Largest error of a period, see :data:`FAR_TURN`.
-ERROR = 2e-5
-
-#: Angle by which the orbit may turn in a sub-step, rad.
-ORBIT_TURN = 0.05
-
-#: Longest sub-step of craft behind a modulator unless another one is asked for, s.
-MODULATED_SUBSTEP = 0.1
-
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """Encoded faults of a world: the rows (craft, slots, 10), or the table from which they are drawn."""
+    """Encoded faults of a world: the rows (craft, slots, 13), or the table from which they are drawn.
+
+    ``of_sensors`` says whether some are, or may be, faults of sensors.
+    """
 
     rows: FloatArray
     table: FloatArray
     drawn: bool
+    of_sensors: bool
 
 
 class Fleet:
@@ -87,12 +88,15 @@ class Fleet:
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows the general ones, and those
-            of a modulator where the spacecraft has one.
+        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows those of any thruster, and
+            those of a modulator where the spacecraft has one.
+        sensors: The sensors whose faults have a meaning for what flies the fleet.
 
     Attributes:
-        data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.layout` says.
-        faults: (blocks, lanes, slots, 16) float64.
+        data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
+        faults: (blocks, lanes, slots, 19) float64, those of thrusters.
+        sensor_faults: (blocks, lanes, slots, 13) float64, those of sensors, in slots that `faults` leaves
+            empty.
         streams: (blocks, 4, lanes) uint64.
     """
 
@@ -106,53 +110,36 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
-        kinds: tuple[str, ...] = GENERAL_KINDS,
+        kinds: tuple[str, ...] = THRUSTER_KINDS,
+        sensors: tuple[str, ...] = SENSORS,
     ) -> None:
         modulated = spacecraft.modulator is not None
+        self.sensors = sensors
         self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
         self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
         self.blocks = -(-bodies // self.lanes)
-        self.layout = at.Layout(
-            spacecraft.number_of_thrusters,
-            modulated_flight.carried_pulses(spacecraft) if modulated else None,
-        )
-        self.data = np.zeros((self.blocks, self.layout.fields, self.lanes))
+        self.rows = arrange_rows(spacecraft)
+        self.data = np.zeros((self.blocks, self.rows.fields, self.lanes))
         self.faults = np.zeros((self.blocks, self.lanes, slots, at.FAULT_WIDTH))
+        self.sensor_faults = np.zeros((self.blocks, self.lanes, slots, len(code.FAULT_FIELDS)))
+        #: Whether any craft may have the fault of a sensor: without, nothing is spent on them.
+        self.sensors_fail = False
         self.streams = np.zeros((self.blocks, at.STREAM_ROWS, self.lanes), np.uint64)
         self.data[:, at.ATTITUDE] = 1.0
         self.data[:, at.MEASURED + 6] = 1.0
         self.data[:, at.MASS] = spacecraft.mass
-        self.thrusters = _thruster_constants(spacecraft)
-        self.constants = _scalar_constants(spacecraft, max_substep)
         self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
-        self._tilts = _tilted_wrenches(spacecraft)
-        inertia = np.array(spacecraft.inertia)
-        self._inertia = _symmetric(inertia), _symmetric(np.linalg.inv(inertia))
-        self._radius = None
-        if nonlinear:
-            self._radius = orbit_radius(spacecraft.mean_motion, spacecraft.gravitational_parameter)
-        self._dynamic = bool(
-            np.any(self.thrusters[[at.OPENING_DELAY, at.CLOSING_DELAY]] > 0.0)
-            or np.any(self.thrusters[[at.RISE_RATE, at.FALL_RATE]] < 1.0 / _NO_TIME)
-        )
-        corners = spacecraft.number_of_thrusters * (
-            firing.CORNERS_WITH_DYNAMICS if self._dynamic else firing.CORNERS
-        )
-        networks = [_sorting_network(corners + firing.FAULT_CORNERS * busy) for busy in range(slots + 1)]
-        self._networks = np.concatenate(networks)
-        self._starts = np.cumsum([0] + [len(network) for network in networks])
-        self._kernel = flight.fly_singly if self.lanes == 1 else flight.fly_blocks
-        #: What the kernels behind a modulator read of the vehicle; None without one.
-        self._modulated: modulated_flight.Vehicle | None = None
-        if modulated:
-            self._modulated = modulated_flight.Vehicle(
-                self.thrusters, self.constants,
-                modulated_flight.modulator_constants(spacecraft, max_substep or MODULATED_SUBSTEP),
-                *self._inertia, self._radius,
-            )  # fmt: skip
+        self._tilts = tilted_wrenches(spacecraft)
+        self.arrays = (self.data, self.faults, self.streams)
+        #: What the kernels take of the vehicle.
+        self.vehicle = pack_vehicle(
+            spacecraft, scalar_constants(spacecraft, max_substep), slots=slots, nonlinear=nonlinear,
+            max_substep=max_substep,
+        )  # fmt: skip
+        self._kernel = choose_period(self.lanes, modulated=modulated, pulsed=False)
         cores = os.cpu_count() or 1
         wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
@@ -170,33 +157,53 @@ class Fleet:
                 shorter than can be followed, or a kind that the spacecraft or what flies it does not know.
         """
         self._check_kinds(source)
-        n, period = self.layout.thrusters, self.spacecraft.control_period
-        spare = n if self._modulated is not None and self.spacecraft.spare_branch else 0
+        n, period = self.rows.thrusters, self.spacecraft.control_period
+        spare = n if self.spacecraft.modulator is not None and self.spacecraft.spare_branch else 0
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table = source.encode(n, self.craft, spare=spare)
+            table = source.encode(n, self.craft, spare=spare, sensors=self.sensors)
             rows = np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
+            of_sensors = source.sensor_probability > 0.0
             if source.count[1] > self.slots:
                 raise ValueError(
                     f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
+                )
+            most = source.sensor_count[1] + (source.count[1] if source.probability > 0.0 else 0)
+            if of_sensors and most > self.slots:
+                raise ValueError(
+                    f"count and sensor_count must together be at most {self.slots} (fault_slots), got "
+                    f"{source.count} and {source.sensor_count}"
                 )
         else:
             rows, table = encode(source, self.craft, n, self.slots, spare=spare), np.zeros(1)
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
+            of_sensors = any(fault.sensor is not None for fault in source)
         if waves and shortest < period:
             raise ValueError(
                 f"profile_time of an intermittent fault is {shortest:g} s; "
                 f"at least the control period, {period:g} s, would be right"
             )
-        return FaultPlan(rows, table, isinstance(source, FaultDistribution))
+        return FaultPlan(rows, table, isinstance(source, FaultDistribution), of_sensors)
 
     def _check_kinds(self, source: Sequence[Fault] | FaultDistribution) -> None:
         if isinstance(source, FaultDistribution):
             kinds, shared = tuple(source.kind_weights()), source.shared
+            failing = source.sensors or self.sensors if source.sensor_probability > 0.0 else ()
+            if source.sensor_probability > 0.0 and not self.sensors:
+                raise ValueError(
+                    "sensor_probability must be 0 where no sensor is modelled, got "
+                    f"{source.sensor_probability:g}"
+                )
         else:
-            kinds, shared = tuple(fault.kind for fault in source), any(fault.shared for fault in source)
+            kinds = tuple(fault.kind for fault in source if fault.sensor is None)
+            shared = any(fault.shared for fault in source)
+            failing = tuple(fault.sensor for fault in source if fault.sensor is not None)
+        for sensor in failing:
+            if sensor not in self.sensors:
+                which = f"must be one of {', '.join(self.sensors)}" if self.sensors else "has no meaning"
+                raise ValueError(f"sensor {which} here, got {sensor!r}")
         name, discharges = self.spacecraft.name, self.spacecraft.discharge is not None
         possible = ", ".join(kind for kind in self.kinds if discharges or kind not in DISCHARGE_KINDS)
         for kind in kinds:
@@ -230,26 +237,42 @@ class Fleet:
             episodes: (worlds,), number of the episode that begins, from 0.
             faults: What they carry, or from what it is drawn, as :meth:`plan` gives it.
         """
+        self.sensors_fail |= faults.of_sensors
         _begin(
-            self.data, self.faults, self.streams, which, keys, episodes, self.craft,
-            self.spacecraft.mass, self.wrenches, self._tilts, faults.rows, faults.table, faults.drawn,
+            self.arrays, self.vehicle, which, keys, episodes, self.craft, self.spacecraft.mass,
+            (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
+            (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
-        if self._modulated is not None:
-            modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.layout.phase)
+        if self.spacecraft.modulator is not None:
+            modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.rows.phase)
 
     def look(self, which: NDArray[np.int64]) -> None:
-        """Let the sensors of some worlds look at where their craft start."""
-        _first_look(self.data, self.streams, self.constants, which, self.craft)
+        """Let the sensors of some worlds measure where their craft start."""
+        _first_look(self.data, self.streams, self.vehicle, which, self.craft)
+        if self.sensors_fail:
+            apply_first_sensor_faults(self.arrays, self.sensor_faults, self.vehicle, which, self.craft)
 
     def fly(self, *, move: bool = True) -> None:
         """Advance every craft by one control period, under the duties that stand in ``data``.
 
         ``move`` False fires the thrusters (impulse, delivered on-times) and leaves the craft where they are.
         """
+        fly = self._fly_and_measure if self.sensors_fail and move else self._fly
         if self.threads == 1:
-            self._fly(move, 0, self.blocks)
+            fly(move, 0, self.blocks)
         else:
-            run_shared(lambda first, last: self._fly(move, first, last), self.shares)
+            run_shared(lambda first, last: fly(move, first, last), self.shares)
+
+    def _fly(self, move: bool, first: int, last: int) -> None:
+        self._kernel(self.arrays, self.vehicle, move, first, last)
+
+    def _fly_and_measure(self, move: bool, first: int, last: int) -> None:
+        """Fly a period where sensors may fail."""
+        before = self.data[first:last, at.MEASURED : at.MEASURED + 13].copy()
+        self._fly(move, first, last)
+        apply_sensor_faults(
+            self.arrays, self.sensor_faults, self.vehicle, before, "velocity" in self.sensors, first, last
+        )
 
     def by_worlds(self, work: Callable[[int, int], None]) -> None:
         """Call ``work(first, last)`` so that it covers all worlds, in as many threads as the fleet flies in.
@@ -260,16 +283,6 @@ class Fleet:
             work(0, self.worlds)
         else:
             run_shared(work, self._world_shares)
-
-    def _fly(self, move: bool, first: int, last: int) -> None:
-        if self._modulated is not None:
-            fly = modulated_flight.fly_singly if self.lanes == 1 else modulated_flight.fly_blocks
-            fly(self.data, self.faults, self.streams, self._modulated, move, first, last)
-            return
-        self._kernel(
-            self.data, self.faults, self.streams, self.thrusters, self.constants,
-            self._networks, self._starts, *self._inertia, self._radius, self._dynamic, move, first, last,
-        )  # fmt: skip
 
     # Reading and writing by world and craft ------------------------------------------------------------
 
@@ -286,19 +299,22 @@ class Fleet:
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
     def fault_rows(self, which: NDArray[np.int64] | None = None) -> FloatArray:
-        """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 10)."""
+        """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 13)."""
         worlds = self.everyone if which is None else which
         bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
-        rows: FloatArray = self.faults[bodies // self.lanes, bodies % self.lanes]
-        return rows[..., : len(code.FAULT_FIELDS)].copy()
+        places = bodies // self.lanes, bodies % self.lanes
+        rows: FloatArray = self.faults[places][..., : len(code.FAULT_FIELDS)]
+        return rows + self.sensor_faults[places]  # one of them is empty
 
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
 
-        After its onset and before its end, on a thruster of the branch in use.
+        After its onset and before its end, on a sensor or a thruster of the branch in use.
         """
         strikes = np.zeros((self.worlds, self.craft, self.slots), np.bool_)
         _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
+        if self.sensors_fail:
+            _struck(self.sensor_faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
 
     def active(self, steps: NDArray[np.int64], first: int, count: int) -> BoolArray:
@@ -306,82 +322,48 @@ class Fleet:
 
         Of ``count`` craft of each world from ``first`` on.
         """
-        active = np.empty((self.worlds, count, self.slots), np.bool_)
-        _active(self.faults, steps, self.spacecraft.control_period, self.craft, first, active)
+        active = np.zeros((self.worlds, count, self.slots), np.bool_)
+        period = self.spacecraft.control_period
+        _active(self.faults, steps, period, self.craft, first, active)
+        if self.sensors_fail:
+            _active(self.sensor_faults, steps, period, self.craft, first, active)
         return active
+
+    def stale(self) -> BoolArray:
+        """Of which sensors the last measurement dropped out: (worlds, craft, sensors).
+
+        In the order of :data:`thruster_envs.faults.SENSORS`.
+        """
+        stale = np.zeros((self.worlds, self.craft, len(SENSORS)), np.bool_)
+        if self.sensors_fail:
+            find_stale(self.arrays, self.sensor_faults, self.vehicle, stale)
+        return stale
 
     def pulse_delays(self) -> FloatArray:
         """(worlds, craft, n): from its command to its opening, s, of the pulse commanded last, told or not.
 
         Behind a modulator only; 0 before the first command.
         """
-        layout, n = self.layout, self.layout.thrusters
-        if not layout.carried:
+        rows, n = self.rows, self.rows.thrusters
+        if not rows.carried:
             return np.zeros((self.worlds, self.craft, n))
         opening = np.array([thruster.opening_delay for thruster in self.spacecraft.thrusters])
-        opens = self.read(layout.pending + 3 * (layout.carried - 1) * n, n)
+        opens = self.read(rows.pending + 3 * (rows.carried - 1) * n, n)
         flown = self.read(at.STEP) > 0.0
         return np.where(flown, opens + self.spacecraft.control_period - opening, 0.0)
 
+    #: Names of the arrays that a later period depends on.
+    saved = ("data", "faults", "sensor_faults", "streams")
+
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that a later period depends on, as copies."""
-        return {"data": self.data.copy(), "faults": self.faults.copy(), "streams": self.streams.copy()}
+        return {name: getattr(self, name).copy() for name in self.saved}
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Go back to what :meth:`state` gave, for a fleet of the same sizes."""
         for name, array in state.items():
             getattr(self, name)[...] = array
-
-
-#: Seconds; a valve level that takes no longer to rise or fall jumps.
-_NO_TIME = 1e-30
-
-
-def _thruster_constants(spacecraft: Spacecraft) -> FloatArray:
-    """(THRUSTER_ROWS, n): the constants of each thruster that the kernels read."""
-    rows = np.zeros((at.THRUSTER_ROWS, spacecraft.number_of_thrusters))
-    for i, thruster in enumerate(spacecraft.thrusters):
-        rows[at.THRUST, i] = thruster.thrust
-        rows[at.MINIMUM_PULSE, i] = thruster.minimum_pulse
-        rows[at.OPENING_DELAY, i] = thruster.opening_delay
-        rows[at.CLOSING_DELAY, i] = thruster.closing_delay
-        rows[at.RISE_RATE, i] = 1.0 / max(thruster.rise_time, _NO_TIME)
-        rows[at.FALL_RATE, i] = 1.0 / max(thruster.fall_time, _NO_TIME)
-        rows[at.SCATTER, i] = thruster.scatter
-        rows[at.LAG_RATE, i] = 1.0 / max(thruster.time_constant, _NO_TIME)
-        rows[at.FLOW_PER_THRUST, i] = 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY)
-    rows[at.BELIEVED : at.BELIEVED + 6] = spacecraft.effectiveness()
-    return rows
-
-
-#: m/s^2, turns a specific impulse in seconds into an exhaust speed.
-STANDARD_GRAVITY = 9.80665
-
-
-def _scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> FloatArray:
-    """(CONSTANTS,): the vehicle's scalars that the kernels read."""
-    values = np.zeros(at.CONSTANTS)
-    period = spacecraft.control_period
-    orbit = ORBIT_TURN / spacecraft.mean_motion
-    values[at.PERIOD], values[at.MAX_SUBSTEP] = period, max_substep or min(period, orbit)
-    values[at.TURN_LIMIT] = TURN_LIMIT if max_substep is None else np.inf
-    values[at.TWIST_LIMIT] = TWIST_LIMIT if max_substep is None else np.inf
-    values[at.SHORT_SUBSTEP] = SHORT_SUBSTEP if max_substep is None else values[at.MAX_SUBSTEP]
-    values[at.WAVE_PART] = SHORT_SUBSTEP if max_substep is None else max_substep
-    far = MODULATED_TURN if spacecraft.modulator is not None else FAR_TURN
-    values[at.FAR_TURN] = far if max_substep is None else np.inf
-    values[at.FAR_TWIST] = FAR_TWIST if max_substep is None else np.inf
-    values[at.GYROSCOPY], values[at.SPIN_UP] = _gyroscopy(spacecraft), spin_up(spacecraft)
-    values[at.SPIN_PER_TORQUE] = 1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
-    values[at.MEAN_MOTION], values[at.COUPLING] = spacecraft.mean_motion, spacecraft.feed.coupling
-    values[at.DRY_MASS] = max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass)
-    sensors = spacecraft.sensors
-    values[at.UNIFORM_ERRORS] = 1.0 if sensors.distribution == "uniform" else 0.0
-    values[at.SIGMA_POSITION], values[at.SIGMA_VELOCITY] = sensors.position, sensors.velocity
-    values[at.SIGMA_ATTITUDE], values[at.SIGMA_RATE] = sensors.attitude, sensors.rate
-    drift = transition_matrix(spacecraft.mean_motion, spacecraft.control_period)[3:]
-    values[at.VELOCITY_DRIFT : at.VELOCITY_DRIFT + 18] = drift.reshape(-1)
-    return values
+        self.sensors_fail = bool(self.sensor_faults.any())
 
 
 #: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.
@@ -397,7 +379,7 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
         ValueError: One line with the number that is out of reach.
     """
     name, period, n = spacecraft.name, spacecraft.control_period, spacecraft.mean_motion
-    longest = flight.MOST_SUBSTEPS * SHORT_SUBSTEP
+    longest = MOST_SUBSTEPS * SHORT_SUBSTEP
     if not SHORTEST_PERIOD <= period <= longest:
         raise ValueError(
             f"control_period of {name!r} must be from {SHORTEST_PERIOD:g} to {longest:g} s to be flown, "
@@ -409,6 +391,10 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
         raise ValueError(
             f"mean_motion of {name!r} must be at most {most / period:g} rad/s, "
             f"{most:g} rad in a control period, to be flown, got {n!r}"
+        )
+    if spacecraft.orbit is not None and (spacecraft.orbit.eccentricity > 0.0 or spacecraft.orbit.j2 > 0.0):
+        raise ValueError(
+            f"the orbit of {name!r} must be circular and j2 0 to be flown, got {spacecraft.orbit!r}"
         )
     if spacecraft.sensors.attitude > COARSEST_ATTITUDE:
         raise ValueError(
@@ -428,74 +414,21 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
         )
     acceleration = spin_up(spacecraft)
     rate = acceleration * period
-    constants = _scalar_constants(spacecraft, max_substep).tolist()
-    wanted = period * flight.substep_rate.py_func(rate, acceleration, constants)
-    if not wanted <= flight.MOST_SUBSTEPS:
+    constants = scalar_constants(spacecraft, max_substep)
+    wanted = period * substep_rate.py_func(rate, acceleration, constants)
+    if not wanted <= MOST_SUBSTEPS:
         raise ValueError(
             f"the thrusters of {name!r} can turn it to {rate:.3g} rad/s in a control period of {period:g} s, "
-            f"which takes {wanted:.3g} integration sub-steps and must take at most {flight.MOST_SUBSTEPS}; "
+            f"which takes {wanted:.3g} integration sub-steps and must take at most {MOST_SUBSTEPS}; "
             "a larger inertia, weaker thrusters or a shorter control_period would do"
         )
 
 
-def spin_up(spacecraft: Spacecraft) -> float:
-    """Largest angular acceleration that the thrusters can give together, rad/s^2; none where they pulse."""
-    if spacecraft.discharge is not None:
-        return 0.0
-    return math.hypot(*spacecraft.authority()[3:].tolist()) / spacecraft.control_period
-
-
-def _gyroscopy(spacecraft: Spacecraft) -> float:
-    """Largest difference of two principal moments of inertia over the third."""
-    a, b, c = np.linalg.eigvalsh(np.array(spacecraft.inertia))
-    return float(max((c - b) / a, (c - a) / b, (b - a) / c))
-
-
-def _symmetric(matrix: FloatArray) -> tuple[float, ...]:
-    """The diagonal of a symmetric matrix, followed by (xy, xz, yz) unless these are zero."""
-    upper = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
-    return tuple(upper if any(upper[3:]) else upper[:3])
-
-
-def _tilted_wrenches(spacecraft: Spacecraft) -> FloatArray:
-    """(2, n, 6): the wrench of each thruster if it pointed square to its direction, azimuth 0 and 90 deg."""
-    wrenches = np.zeros((2, spacecraft.number_of_thrusters, 6))
-    for i, thruster in enumerate(spacecraft.thrusters):
-        direction = np.array(thruster.direction)
-        axis = np.zeros(3)
-        axis[int(np.argmin(np.abs(direction)))] = 1.0
-        first = np.cross(direction, axis)
-        first /= np.linalg.norm(first)
-        for k, across in enumerate((first, np.cross(direction, first))):
-            force = thruster.thrust * across
-            wrenches[k, i] = np.concatenate((force, np.cross(thruster.position, force)))
-    return wrenches
-
-
-@cache
-def _sorting_network(size: int) -> NDArray[np.int64]:
-    """Batcher's odd-even merge sort of ``size`` rows: (p, 2), pairs i < j to be put in order in turn."""
-    return np.array(list(_comparators(size)), dtype=np.int64).reshape(-1, 2)
-
-
-def _comparators(size: int) -> Iterator[tuple[int, int]]:
-    p = 1
-    while p < size:
-        k = p
-        while k >= 1:
-            for j in range(k % p, size - k, 2 * k):
-                for i in range(min(k, size - j - k)):
-                    if (i + j) // (2 * p) == (i + j + k) // (2 * p):
-                        yield i + j, i + j + k
-            k //= 2
-        p *= 2
-
-
 @kernel
-def _begin(
-    data, faults, streams, which, keys, episodes, craft, mass, wrenches, tilts, rows, table, drawn
-):  # fmt: skip
-    n, lanes, width = wrenches.shape[0], data.shape[2], rows.shape[2]
+def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
+    (data, faults, streams), (wrenches, tilts), (encoded, table, drawn) = arrays, nominal, plan
+    sensor_faults, sensors_fail = of_sensors
+    at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
     slots = faults.shape[2]
     fresh = np.zeros((craft, slots, width))
     for k in range(which.shape[0]):
@@ -503,29 +436,34 @@ def _begin(
         if drawn:
             draw_faults(fresh, table, n, episodes[world], keys[world, 0], keys[world, 1])
         else:
-            fresh[:] = rows
+            fresh[:] = encoded
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w] = keys[world, 0], keys[world, 1]
             streams[b, at.EPISODE, w], streams[b, at.CRAFT, w] = episodes[world], c
-            for row in range(at.SCALARS + 5 * n):
+            for row in range(at_rows.columns):
                 data[b, row, w] = 0.0
-            for row in range(at.SCALARS + 11 * n, data.shape[1]):
+            for row in range(at_rows.pending, data.shape[1]):
                 data[b, row, w] = 0.0
             data[b, at.ATTITUDE, w], data[b, at.MEASURED + 6, w] = 1.0, 1.0
             data[b, at.MASS, w] = mass
             for i in range(n):
                 for row in range(6):
-                    data[b, at.SCALARS + 5 * n + 6 * i + row, w] = wrenches[i, row]
+                    data[b, at_rows.columns + 6 * i + row, w] = wrenches[i, row]
             for slot in range(slots):
+                row = fresh[c, slot]
+                of_sensor = row[code.FIELD_SENSOR] > 0.0
+                if sensors_fail:
+                    for column in range(width):
+                        sensor_faults[b, w, slot, column] = row[column] if of_sensor else 0.0
                 for column in range(width):
-                    faults[b, w, slot, column] = fresh[c, slot, column]
-                i = int(fresh[c, slot, code.FIELD_THRUSTER])
-                if i >= n:  # of the spare branch, which is not in use yet
+                    faults[b, w, slot, column] = 0.0 if of_sensor else row[column]
+                i = int(faults[b, w, slot, code.FIELD_THRUSTER])
+                if i >= n:  # drawn of the redundant branch, which is not in use yet
                     i -= n
                     faults[b, w, slot, code.FIELD_THRUSTER] = i
-                    faults[b, w, slot, code.FIELD_KIND] *= -1.0
-                azimuth = fresh[c, slot, code.FIELD_AZIMUTH]
+                    faults[b, w, slot, code.FIELD_BRANCH] = code.REDUNDANT
+                azimuth = row[code.FIELD_AZIMUTH]
                 for column in range(6):
                     faults[b, w, slot, at.FAULT_TILTED + column] = (
                         np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
@@ -539,11 +477,7 @@ def _struck(faults, time, strikes):
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             for slot in range(strikes.shape[2]):
-                fault = faults[b, w, slot]
-                strikes[world, c, slot] = (
-                    fault[code.FIELD_KIND] > 0.0
-                    and fault[code.FIELD_ONSET] <= time[world] < fault[code.FIELD_END]
-                )
+                strikes[world, c, slot] |= health.is_between(faults[b, w, slot], time[world])
 
 
 @kernel
@@ -555,17 +489,12 @@ def _active(faults, steps, period, craft, first, active):
             body = world * craft + first + c
             b, w = body // lanes, body % lanes
             for slot in range(active.shape[2]):
-                fault = faults[b, w, slot]
-                active[world, c, slot] = (
-                    fault[code.FIELD_KIND] > 0.0
-                    and fault[code.FIELD_ONSET] <= time
-                    and time < fault[code.FIELD_END]
-                )
+                active[world, c, slot] |= health.is_between(faults[b, w, slot], time)
 
 
 @kernel
-def _first_look(data, streams, constants, which, craft):
-    lanes = data.shape[2]
+def _first_look(data, streams, parts, which, craft):
+    lanes, constants = data.shape[2], open_vehicle(parts).constants
     for k in range(which.shape[0]):
         for c in range(craft):
             b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
@@ -573,7 +502,7 @@ def _first_look(data, streams, constants, which, craft):
             purpose = np.uint64(RESET << 32) | np.uint64(c)
             a = philox(np.uint64(0), np.uint64(0), episode, purpose, key[0], key[1])
             z = philox(np.uint64(1), np.uint64(0), episode, purpose, key[0], key[1])
-            uniform = constants[at.UNIFORM_ERRORS] > 0.0
+            uniform = constants.uniform_errors > 0.0
             n0, n1 = uniform_errors(a[0]) if uniform else normal_pair(a[0])
             n2, n3 = uniform_errors(a[1]) if uniform else normal_pair(a[1])
             n4, n5 = uniform_errors(a[2]) if uniform else normal_pair(a[2])

@@ -15,28 +15,34 @@ zero length, which change nothing.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
-from thruster_envs.physics import layout as at
-from thruster_envs.physics.attitude import (
-    follow_orbit,
-    normalised,
-    rate_step,
-    rotate_back,
-    symmetric_product,
-    turn,
+from thruster_envs.physics import firing, health
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.attitude import symmetric_product
+from thruster_envs.physics.body import (
+    MOST_SUBSTEPS,
+    STATE_ROWS,
+    fastest_rate,
+    freeze_lost,
+    load_state,
+    simpson,
+    size,
+    store_state,
+    substep,
+    substep_rate,
 )
-from thruster_envs.physics.relative_orbit import translation_step
-from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
-from thruster_envs.random import STEP, philox, uniform_pair
+from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
+from thruster_envs.physics.vehicle import open_batch, open_vehicle
+from thruster_envs.random import uniform_pair
 
-# Rows of a block's moving state.
-_R, _V, _Q, _W, _M, _STATE = 0, 3, 6, 10, 13, 14
+FloatArray = NDArray[np.float64]
+
 # Rows of the sums over thrusters at a node (start, middle, end) of a piece: body wrench, flow, open valves.
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
@@ -44,10 +50,6 @@ _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
     _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _SPIN, _RATE, _MASS, _COUNT, _TAKEN,
     _EXTRA, _CLOCK,
 ) = range(15)  # fmt: skip
-#: Most sub-steps of a craft in a period, beyond one for each piece; one that needs more is lost.
-MOST_SUBSTEPS = 8192
-#: A craft of which a number of its state is larger is lost.
-_OUT_OF_REACH = 1e20
 #: Most rows of the schedule beside one for each corner; what finds no room waits until these are flown.
 _ROOM = 512
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
@@ -61,202 +63,130 @@ _OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GR
 _OPENING, _THRUST, _FLOOR, _SLOPE, _GAIN, _NODE_GROUPS = 0, 3, 6, 9, 12, 15
 
 
-@kernel(nogil=True)
-def fly_blocks(
-    data,
-    faults,
-    streams,
-    thrusters,
-    constants,
-    networks,
-    starts,
-    inertia,
-    inverse,
-    radius,
-    dynamic,
-    fly,
-    first,
-    last,
-):
-    """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
+class _Work(NamedTuple):
+    """Scratch of one block, (rows, lanes) each: what the constants above number the rows of."""
 
-    The duties of the period stand in the rows ``Layout.duties`` of ``data``; on return they are those of the
-    period that has passed. ``fly`` False fires the thrusters (impulse, delivered on-times) without moving the
-    craft or reading its sensors. ``radius`` None means Hill's equations. Nothing outside the given blocks is
-    read or written.
+    corners: FloatArray
+    valves: FloatArray
+    nodes: FloatArray
+    columns: FloatArray
+    words: NDArray[np.uint64]
+    state: FloatArray
+    sums: FloatArray
+    impulse: FloatArray
+    clock: FloatArray
+    schedule: FloatArray
+    cursor: NDArray[np.int64]
+    sight: FloatArray
+
+
+def compile_period(lanes: int) -> Any:
+    """The kernel that flies craft whose valves follow their commands, in blocks of ``lanes`` craft.
+
+    As :mod:`thruster_envs.physics.period` has it.
     """
-    n, slots = thrusters.shape[1], faults.shape[2]
-    corners = np.zeros((firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots, 32))
-    valves = np.zeros((_VALVE_GROUPS * n, 32))
-    nodes = np.zeros((_NODE_GROUPS * n, 32))
-    columns = np.zeros((6 * n, 32))
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 32), np.uint64)
-    state = np.zeros((_STATE, 32))
-    sums = np.zeros((3 * _SUMS, 32))
-    impulse = np.zeros((_SUMS, 32))
-    clock = np.zeros((_CLOCK, 32))
-    steps = _rows(constants) + corners.shape[0]
-    schedule = np.zeros((_ENTRY * steps, 32))
-    cursor = np.zeros(32, np.int64)
-    sight = np.zeros((SIGHT_ROWS, 32))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, thrusters, constants, networks, starts,
-            inertia, inverse, radius, dynamic, fly,
-            corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
-        )  # fmt: skip
+
+    @kernel(nogil=True)
+    def fly_period(arrays, parts, move, first, last):
+        batch, vehicle = open_batch(arrays), open_vehicle(parts)
+        n, slots, constants = vehicle.rows.thrusters, batch.faults.shape[2], vehicle.constants
+        corners = firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots
+        # Rows of a schedule: beside one for each corner,
+        room = int(min(2.0 * constants.period / constants.short_substep, _ROOM)) + 2
+        work = _Work(
+            np.zeros((corners, lanes)),
+            np.zeros((_VALVE_GROUPS * n, lanes)),
+            np.zeros((_NODE_GROUPS * n, lanes)),
+            np.zeros((6 * n, lanes)),
+            np.zeros((word_rows(n), lanes), np.uint64),
+            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((3 * _SUMS, lanes)),
+            np.zeros((_SUMS, lanes)),
+            np.zeros((_CLOCK, lanes)),
+            np.zeros((_ENTRY * (corners + room), lanes)),
+            np.zeros(lanes, np.int64),
+            np.zeros((SIGHT_ROWS, lanes)),
+        )
+        for b in range(first, last):
+            _fly_block(b, batch, vehicle, move, work)
+
+    return fly_period
 
 
-@kernel(nogil=True)
-def fly_singly(
-    data,
-    faults,
-    streams,
-    thrusters,
-    constants,
-    networks,
-    starts,
-    inertia,
-    inverse,
-    radius,
-    dynamic,
-    fly,
-    first,
-    last,
-):
-    """The same as :func:`fly_blocks` for blocks of one craft."""
-    n, slots = thrusters.shape[1], faults.shape[2]
-    corners = np.zeros((firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots, 1))
-    valves = np.zeros((_VALVE_GROUPS * n, 1))
-    nodes = np.zeros((_NODE_GROUPS * n, 1))
-    columns = np.zeros((6 * n, 1))
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 1), np.uint64)
-    state = np.zeros((_STATE, 1))
-    sums = np.zeros((3 * _SUMS, 1))
-    impulse = np.zeros((_SUMS, 1))
-    clock = np.zeros((_CLOCK, 1))
-    steps = _rows(constants) + corners.shape[0]
-    schedule = np.zeros((_ENTRY * steps, 1))
-    cursor = np.zeros(1, np.int64)
-    sight = np.zeros((SIGHT_ROWS, 1))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, thrusters, constants, networks, starts,
-            inertia, inverse, radius, dynamic, fly,
-            corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
-        )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _rows(constants):
-    """Rows of a schedule beside one for each corner."""
-    return int(min(2.0 * constants[at.PERIOD] / constants[at.SHORT_SUBSTEP], _ROOM)) + 2
-
-
-@njit(forceinline=True)
-def _fly_block(
-    b, data, faults, streams, thrusters, constants, networks, starts, inertia, inverse, radius, dynamic, fly,
-    corners, valves, nodes, columns, words, state, sums, impulse, clock, schedule, cursor, sight,
-):  # fmt: skip
-    n = thrusters.shape[1]
-    lanes = state.shape[1]
-    period = constants[at.PERIOD]
-    for k in range(_STATE):
-        for w in range(lanes):
-            state[k, w] = data[b, k, w]
-    for k in range(6 * n):
-        for w in range(lanes):
-            columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
+@njit(inline="always")
+def _fly_block(b, batch, vehicle, move, work):
+    data, clock, valves = batch.data, work.clock, work.valves
+    constants, period, dynamic = vehicle.constants, vehicle.constants.period, vehicle.valves.dynamic
+    n, lanes = vehicle.rows.thrusters, work.state.shape[1]
+    load_state(b, data, work.columns, vehicle.rows, work.state)
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
-    draw_words(b, data, streams, words, n)
-    node_count, busy_slots = _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n)
+    draw_words(b, batch, work.words, n)
+    node_count, busy_slots = _faults_of_period(b, batch.faults, vehicle, work)
     changing = busy_slots > 0
-    _command_valves(
-        b, data, faults, thrusters, constants, dynamic, changing, clock[_CHANGES], words, valves, state
-    )
-    used = _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves, corners, clock)
-    firing.sort_rows(corners, networks, starts[busy_slots], starts[busy_slots + 1])
+    _command_valves(b, batch, vehicle, changing, work)
+    used = _corners_of_period(b, batch.faults, vehicle, busy_slots, work)
+    networks, starts = vehicle.valves.networks, vehicle.valves.starts
+    firing.sort_rows(work.corners, networks, starts[busy_slots], starts[busy_slots + 1])
     for k in range(_SUMS):
         for w in range(lanes):
-            impulse[k, w] = 0.0
+            work.impulse[k, w] = 0.0
     for i in range(n):
         for w in range(lanes):
             valves[_DELIVERED * n + i, w] = 0.0
-    wave_part = constants[at.WAVE_PART]
-    for w in range(lanes):
-        clock[_BEFORE, w] = 0.0
-        clock[_SPIN, w] = abs(state[_W, w]) + abs(state[_W + 1, w]) + abs(state[_W + 2, w])
-        clock[_RATE, w] = fastest_rate(
-            (state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY]
-        )
-        clock[_MASS, w], clock[_EXTRA, w] = state[_M, w], 0.0
-        cursor[w] = 0
+    _start_clock(constants, work)
     for s in range(used + 2):  # the last round only flies what is left on the schedule
-        for part in range(_parts(s, used, period, wave_part, corners, clock) if s <= used else 1):
+        for part in range(_parts(s, used, constants, work.corners, clock) if s <= used else 1):
             if s <= used:
                 for w in range(lanes):
                     length = clock[_PIECE, w] / clock[_PARTS, w]
                     clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
                 if changing:
-                    _follow_changes(b, faults, clock, node_count, nodes, n)
-                _openings(valves, clock, thrusters, dynamic, node_count, nodes)
-                _sum_thrusters(thrusters, constants[at.COUPLING], columns, valves, node_count, nodes, sums)
+                    _follow_changes(b, batch.faults, clock, node_count, work.nodes, n)
+                _openings(valves, clock, vehicle.thrusters, dynamic, node_count, work.nodes)
+                _sum_thrusters(vehicle.thrusters, constants.coupling, node_count, work)
                 if changing:
-                    _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n)
-                _accumulate(clock, node_count, nodes, sums, impulse, valves, n)
-                if fly:
-                    _cut(b, data, constants, inverse, clock, node_count, sums)
-            left = fly
+                    _follow_tilts(b, batch.faults, node_count, work, n)
+                _accumulate(node_count, work, n)
+                if move:
+                    _cut(b, data, vehicle, clock, node_count, work.sums)
+            left = move
             while left:
-                left = s > used or _schedule(clock, node_count, sums, schedule, cursor)
+                left = s > used or _schedule(clock, node_count, work.sums, work.schedule, work.cursor)
                 if left:
-                    _integrate(
-                        constants[at.MEAN_MOTION],
-                        inertia,
-                        inverse,
-                        radius,
-                        node_count,
-                        schedule,
-                        cursor,
-                        state,
-                    )
+                    _integrate(vehicle.body, node_count, work.schedule, work.cursor, work.state)
                 left = left and s <= used
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
         # Exactly at the corner: one that only a neighbour has then makes a piece of exactly no length.
         for w in range(lanes):
-            clock[_BEFORE, w] = corners[s, w] if s < used else period
-    _store(b, data, dynamic, thrusters, period, state, valves, impulse, n)
-    if fly:
-        freeze_lost(b, data, state)
-        finish(b, data, state)
-        expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
-        look(b, data, constants, inertia, inverse, words, state, sight)
+            clock[_BEFORE, w] = work.corners[s, w] if s < used else period
+    _store(b, data, vehicle, work)
+    if changing:
+        for w in range(lanes):
+            if clock[_CHANGES, w] > 0.0:
+                _hold_open(b, w, batch, vehicle, work)
+    if move:
+        freeze_lost(b, data, work.state)
+        store_state(b, data, work.state, 0)
+        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        look(b, data, vehicle, work.words, work.state, work.sight)
 
 
 @njit(forceinline=True)
-def draw_words(b, data, streams, words, n):
-    """Random words of the period, 6 + n / 2 of them.
-
-    They give twelve normal numbers for the sensors, then one uniform number for each thruster.
-    """
-    for block in range((6 + (n + 1) // 2 + 3) // 4):
-        for w in range(words.shape[1]):
-            words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
-                philox(
-                    np.uint64(block),
-                    np.uint64(np.int64(data[b, at.STEP, w])),
-                    streams[b, at.EPISODE, w],
-                    streams[b, at.CRAFT, w] | np.uint64(STEP << 32),
-                    streams[b, at.KEY_LOW, w],
-                    streams[b, at.KEY_HIGH, w],
-                )
-            )
+def _start_clock(constants, work):
+    clock, state = work.clock, work.state
+    for w in range(state.shape[1]):
+        rate = (state[at.RATE, w], state[at.RATE + 1, w], state[at.RATE + 2, w])
+        clock[_BEFORE, w] = 0.0
+        clock[_SPIN, w] = abs(rate[0]) + abs(rate[1]) + abs(rate[2])
+        clock[_RATE, w] = fastest_rate(rate, constants.gyroscopy)
+        clock[_MASS, w], clock[_EXTRA, w] = state[at.MASS, w], 0.0
+        work.cursor[w] = 0
 
 
 @njit(forceinline=True)
-def _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n):
+def _faults_of_period(b, faults, vehicle, work):
     """Sort out the faults of a block for one period.
 
     What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft
@@ -264,27 +194,22 @@ def _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n):
     a piece needs (one if everything is constant in it) and the number of the last slot in use in a marked
     craft, from 1 (0 if none is marked).
     """
+    clock, nodes, n, period = work.clock, work.nodes, vehicle.rows.thrusters, vehicle.constants.period
     lanes = clock.shape[1]
-    busy_slots, smooth, faulty = 0, dynamic, False
+    busy_slots, smooth, faulty = 0, vehicle.valves.dynamic, False
     for w in range(lanes):
         clock[_CHANGES, w], clock[_WAVES, w], clock[_UNTIL, w] = 0.0, 0.0, -1.0
         start = clock[_START, w]
         for k in range(faults.shape[2]):
-            if (
-                faults[b, w, k, code.FIELD_KIND] > 0.0
-                and faults[b, w, k, code.FIELD_ONSET] < start + period
-                and faults[b, w, k, code.FIELD_END] > start
-            ):
+            if health.is_within(faults[b, w, k], start, start + period):
                 faulty = True
-                if not firing.is_steady(faults[b, w, k], start, period):
+                if not health.is_steady(faults[b, w, k], start, period):
                     clock[_CHANGES, w] = 1.0
-                    profile = faults[b, w, k, code.FIELD_PROFILE]
-                    smooth |= profile == code.RAMP or profile == code.SINE
-                    if profile == code.RAMP or profile == code.SINE:
-                        clock[_WAVES, w] = 1.0
+                    if health.varies_smoothly(faults[b, w, k]):
+                        smooth, clock[_WAVES, w] = True, 1.0
         if clock[_CHANGES, w] > 0.0:
             for k in range(busy_slots, faults.shape[2]):
-                busy_slots = k + 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else busy_slots
+                busy_slots = k + 1 if health.is_there(faults[b, w, k]) else busy_slots
     node_count = 3 if smooth else 1
     for k in range(node_count * n):
         for w in range(lanes):
@@ -294,29 +219,22 @@ def _faults_of_period(b, faults, clock, period, dynamic, columns, nodes, n):
     if faulty:
         for w in range(lanes):
             if clock[_CHANGES, w] == 0.0:
-                _apply_steady_faults(b, w, faults, clock[_START, w], period, node_count, columns, nodes, n)
+                _apply_steady_faults(b, w, faults, period, node_count, work, n)
     return node_count, busy_slots
 
 
 @njit
-def _apply_steady_faults(b, w, faults, start, period, node_count, columns, nodes, n):
+def _apply_steady_faults(b, w, faults, period, node_count, work, n):
     """Put the faults of a craft all of whose faults are steady into its rows, for the whole period."""
-    middle = start + 0.5 * period
-    _apply_faults(b, w, faults, middle, middle, node_count, nodes, n)
+    columns, middle = work.columns, work.clock[_START, w] + 0.5 * period
+    _apply_faults(b, w, faults, middle, middle, node_count, work.nodes, n)
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT and firing.is_active(
-            faults[b, w, k], middle
-        ):
-            fault = faults[b, w, k]
-            row, tilt = 6 * int(fault[code.FIELD_THRUSTER]), firing.severity(fault, middle)
-            for c in range(6):
-                columns[row + c, w] = (
-                    math.cos(tilt) * columns[row + c, w] + math.sin(tilt) * fault[at.FAULT_TILTED + c]
-                )
+        if health.is_active(faults[b, w, k], middle):
+            health.tilt_columns(faults[b, w, k], middle, columns, w)
 
 
 @njit(forceinline=True)
-def _parts(s, used, period, wave_part, corners, clock):
+def _parts(s, used, constants, corners, clock):
     """Length of piece ``s`` of each craft, and into how many equal parts it goes.
 
     Returns the most of these, 0 if no craft has such a piece. A piece is one part, unless a fault that ramps
@@ -324,12 +242,12 @@ def _parts(s, used, period, wave_part, corners, clock):
     """
     most, longest = 1.0, 0.0
     for w in range(clock.shape[1]):
-        after = corners[s, w] if s < used else period
+        after = corners[s, w] if s < used else constants.period
         length = after - clock[_BEFORE, w]
         length = length if length > 0.0 else 0.0
         clock[_PIECE, w] = length
         longest = length if length > longest else longest
-        parts = math.ceil(length / wave_part) if clock[_WAVES, w] > 0.0 else 1.0
+        parts = math.ceil(length / constants.wave_part) if clock[_WAVES, w] > 0.0 else 1.0
         parts = parts if parts > 1.0 else 1.0
         clock[_PARTS, w] = parts
         most = parts if parts > most else most
@@ -337,18 +255,20 @@ def _parts(s, used, period, wave_part, corners, clock):
 
 
 @njit(forceinline=True)
-def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, changes, words, valves, state):
+def _command_valves(b, batch, vehicle, changing, work):
     """Opening and closing times in the period, carry-over, strength with scatter, nominal duration."""
-    n, lanes = thrusters.shape[1], state.shape[1]
-    period, dry_mass = constants[at.PERIOD], constants[at.DRY_MASS]
+    data, thrusters, rows = batch.data, vehicle.thrusters, vehicle.rows
+    words, valves, state = work.words, work.valves, work.state
+    n, lanes = rows.thrusters, state.shape[1]
+    period, dry_mass = vehicle.constants.period, vehicle.constants.dry_mass
     for i in range(n):
-        minimum, opening_delay = thrusters[at.MINIMUM_PULSE, i], thrusters[at.OPENING_DELAY, i]
-        closing_delay, scatter = thrusters[at.CLOSING_DELAY, i], thrusters[at.SCATTER, i]
+        minimum, opening_delay = thrusters.minimum_pulse[i], thrusters.opening_delay[i]
+        closing_delay, scatter = thrusters.closing_delay[i], thrusters.scatter[i]
         for w in range(lanes):
-            duty = data[b, at.SCALARS + i, w]
+            duty = data[b, rows.duties + i, w]
             on_time = duty * period
             on_time = on_time if on_time >= minimum else 0.0
-            held = data[b, at.SCALARS + 2 * n + i, w]
+            held = data[b, rows.held + i, w]
             opening = held - 1.0 if held >= 1.0 else opening_delay
             closing = on_time + closing_delay if on_time > 0.0 else 0.0
             nominal = closing - opening
@@ -363,19 +283,19 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, ch
                     valves[_STRENGTH * n + i + 1, w] = second
         for w in range(lanes):
             strength = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
-            valves[_STRENGTH * n + i, w] = strength if state[_M, w] > dry_mass else 0.0
+            valves[_STRENGTH * n + i, w] = strength if state[at.MASS, w] > dry_mass else 0.0
     if changing:
         for w in range(lanes):
-            if changes[w] > 0.0:
-                _late_openings(b, w, faults, data, period, valves, n)
+            if work.clock[_CHANGES, w] > 0.0:
+                _command_errors(b, w, batch, vehicle, valves)
     for i in range(n):
         for w in range(lanes):
             valves[_RUN * n + i, w] = valves[_OPENS * n + i, w]
-    if dynamic:
+    if vehicle.valves.dynamic:
         for i in range(n):
             for w in range(lanes):
-                valves[_LEVEL * n + i, w] = data[b, at.SCALARS + 3 * n + i, w]
-                tail = data[b, at.SCALARS + 4 * n + i, w]
+                valves[_LEVEL * n + i, w] = data[b, rows.level + i, w]
+                tail = data[b, rows.tail + i, w]
                 opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
                 merges = (closing > opening) & (opening <= tail)
                 pulse = (closing > opening) & (opening > tail) & (opening < period)
@@ -385,28 +305,29 @@ def _command_valves(b, data, faults, thrusters, constants, dynamic, changing, ch
 
 
 @njit(forceinline=True)
-def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
+def _store(b, data, vehicle, work):
     """What the period left behind: delivered on-times, impulse, open time, and the state of the valves."""
-    lanes = state.shape[1]
+    thrusters, rows, period = vehicle.thrusters, vehicle.rows, vehicle.constants.period
+    valves, impulse, n, lanes = work.valves, work.impulse, rows.thrusters, work.state.shape[1]
     for i in range(n):
-        minimum = thrusters[at.MINIMUM_PULSE, i]
+        minimum = thrusters.minimum_pulse[i]
         for w in range(lanes):
-            data[b, at.SCALARS + n + i, w] = valves[_DELIVERED * n + i, w]
+            data[b, rows.delivered + i, w] = valves[_DELIVERED * n + i, w]
         for w in range(lanes):
             to_come = valves[_RUN * n + i, w] - period
-            run = (data[b, at.SCALARS + i, w] >= 1.0) & (period >= minimum)
-            data[b, at.SCALARS + 2 * n + i, w] = (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
-        if dynamic:
-            rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
+            run = (data[b, rows.duties + i, w] >= 1.0) & (period >= minimum)
+            data[b, rows.held + i, w] = (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
+        if vehicle.valves.dynamic:
+            rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
             for w in range(lanes):
                 opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
                 tail = valves[_TAIL * n + i, w]
                 level = firing.valve_level(
                     period, valves[_LEVEL * n + i, w], tail, opening, closing, rise, fall
                 )
-                data[b, at.SCALARS + 3 * n + i, w] = level
+                data[b, rows.level + i, w] = level
                 over = (closing if opening < period else tail) - period
-                data[b, at.SCALARS + 4 * n + i, w] = over if over > 0.0 else 0.0
+                data[b, rows.tail + i, w] = over if over > 0.0 else 0.0
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = impulse[_WRENCH + k, w]
@@ -416,29 +337,52 @@ def _store(b, data, dynamic, thrusters, period, state, valves, impulse, n):
 
 
 @njit
-def _late_openings(b, w, faults, data, period, valves, n):
-    """Put off the opening of the valves that open late, unless they were held open from before."""
+def _command_errors(b, w, batch, vehicle, valves):
+    """Let faults that act on commands act: pulses become longer, and valves open late.
+
+    A valve that is held open from before does not open late.
+    """
+    data, faults, thrusters, rows = batch.data, batch.faults, vehicle.thrusters, vehicle.rows
+    n, period = rows.thrusters, vehicle.constants.period
     start = data[b, at.STEP, w] * period
     for k in range(faults.shape[2]):
-        fault = faults[b, w, k]
-        if fault[code.FIELD_KIND] == code.LATE_OPENING and firing.is_active(fault, start):
-            i = int(fault[code.FIELD_THRUSTER])
-            if data[b, at.SCALARS + 2 * n + i, w] == 0.0:
-                valves[_OPENS * n + i, w] += firing.severity(fault, start)
+        i = health.thruster_of(faults[b, w, k])
+        delay, _, added = health.command_error(faults[b, w, k], start)
+        if data[b, rows.held + i, w] == 0.0:
+            valves[_OPENS * n + i, w] += delay
+        if added > 0.0:
+            on_time = health.biased_duty(faults[b, w], i, start, data[b, rows.duties + i, w], None) * period
+            on_time = on_time if on_time >= thrusters.minimum_pulse[i] else 0.0
+            valves[_CLOSES * n + i, w] = on_time + thrusters.closing_delay[i] if on_time > 0.0 else 0.0
+
+
+@njit
+def _hold_open(b, w, batch, vehicle, work):
+    """Let commands that last to the end of the period by what a fault adds to them be runs."""
+    data, faults, rows, n = batch.data, batch.faults, vehicle.rows, vehicle.rows.thrusters
+    start, period = work.clock[_START, w], vehicle.constants.period
+    for k in range(faults.shape[2]):
+        if health.command_error(faults[b, w, k], start)[2] > 0.0:
+            i = health.thruster_of(faults[b, w, k])
+            to_come = work.valves[_RUN * n + i, w] - period
+            duty = health.biased_duty(faults[b, w], i, start, data[b, rows.duties + i, w], None)
+            run = duty >= 1.0 and period >= vehicle.thrusters.minimum_pulse[i]
+            data[b, rows.held + i, w] = 1.0 + max(to_come, 0.0) if run else 0.0
 
 
 @njit(forceinline=True)
-def _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves, corners, clock):
+def _corners_of_period(b, faults, vehicle, busy_slots, work):
     """Fill the rows of ``corners`` in use and return how many they are."""
-    n, lanes = thrusters.shape[1], clock.shape[1]
+    corners, valves, clock, thrusters = work.corners, work.valves, work.clock, vehicle.thrusters
+    n, lanes, period = vehicle.rows.thrusters, clock.shape[1], vehicle.constants.period
     used = n
-    if dynamic:
+    if vehicle.valves.dynamic:
         for i in range(n):
             for w in range(lanes):
                 firing.valve_corners(
                     7 * i, corners, w, valves[_LEVEL * n + i, w], valves[_TAIL * n + i, w],
                     valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w],
-                    thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i], period,
+                    thrusters.rise_rate[i], thrusters.fall_rate[i], period,
                 )  # fmt: skip
         used = firing.CORNERS_WITH_DYNAMICS * n
     else:
@@ -451,9 +395,9 @@ def _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves
             for k in range(busy_slots):
                 row = used + firing.FAULT_CORNERS * k
                 fault = faults[b, w, k]
-                firing.fault_corners(fault, clock[_START, w], period, corners, row, w)
-                opening = valves[_OPENS * n + int(fault[code.FIELD_THRUSTER]), w]
-                late = fault[code.FIELD_KIND] == code.LATE_OPENING and opening < period
+                health.fault_corners(fault, clock[_START, w], period, corners, row, w)
+                opening = valves[_OPENS * n + health.thruster_of(fault), w]
+                late = health.is_late(fault) and opening < period
                 corners[row + 4, w] = opening if late else period
         else:
             for row in range(used, used + firing.FAULT_CORNERS * busy_slots):
@@ -464,10 +408,10 @@ def _corners_of_period(b, faults, thrusters, period, dynamic, busy_slots, valves
 @njit(forceinline=True)
 def _openings(valves, clock, thrusters, dynamic, node_count, nodes):
     """How far each thruster is open at the nodes of the piece, faults included."""
-    n, lanes = thrusters.shape[1], clock.shape[1]
+    n, lanes = thrusters.thrust.shape[0], clock.shape[1]
     if dynamic:
         for i in range(n):
-            rise, fall = thrusters[at.RISE_RATE, i], thrusters[at.FALL_RATE, i]
+            rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
             f, s = _FLOOR * n + i, _SLOPE * n + i
             for w in range(lanes):
                 level, tail = valves[_LEVEL * n + i, w], valves[_TAIL * n + i, w]
@@ -508,49 +452,34 @@ def _next_change(b, w, faults, t):
     """
     until = math.inf
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] > 0.0:
-            until = min(until, firing.next_change(faults[b, w, k], t))
+        if health.is_there(faults[b, w, k]):
+            until = min(until, health.next_change(faults[b, w, k], t))
     return until
 
 
 @njit
 def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
-    """Floor, slope and gain of the faulty thrusters of a craft between two moments.
-
-    Stuck open comes first, then leaking, then blocked or lossy.
-    """
-    used = 0
+    """Floor, slope and gain of the faulty thrusters of a craft between two moments."""
     for k in range(faults.shape[2]):
-        if faults[b, w, k, code.FIELD_KIND] > 0.0:
-            used += 1
-            i = int(faults[b, w, k, code.FIELD_THRUSTER])
+        if health.is_there(faults[b, w, k]):
+            i = health.thruster_of(faults[b, w, k])
+            first, middle, last = health.health_nodes(faults[b, w], i, start, end)
             for node in range(node_count):
-                nodes[(_FLOOR + node) * n + i, w] = 0.0
-                nodes[(_SLOPE + node) * n + i, w] = 1.0
-                nodes[(_GAIN + node) * n + i, w] = 1.0
-    for rank in range(3 if used > 1 else 1):
-        for k in range(faults.shape[2]):
-            kind = int(faults[b, w, k, code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON or used == 1 else (1 if kind == code.LEAK else 2)
-            if kind > 0 and its_rank == rank and firing.is_active(faults[b, w, k], 0.5 * (start + end)):
-                i = int(faults[b, w, k, code.FIELD_THRUSTER])
-                s0, sm, s1 = firing.severity_nodes(faults[b, w, k], start, end)
-                for node in range(node_count):
-                    s = s0 if node == 0 else (sm if node == 1 else s1)
-                    f, r, g = (_FLOOR + node) * n + i, (_SLOPE + node) * n + i, (_GAIN + node) * n + i
-                    nodes[f, w], nodes[r, w], nodes[g, w] = firing.apply_fault(
-                        kind, s, nodes[f, w], nodes[r, w], nodes[g, w]
-                    )
+                floor, slope, gain = first if node == 0 else (middle if node == 1 else last)
+                nodes[(_FLOOR + node) * n + i, w] = floor
+                nodes[(_SLOPE + node) * n + i, w] = slope
+                nodes[(_GAIN + node) * n + i, w] = gain
 
 
 @njit(forceinline=True)
-def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums):
+def _sum_thrusters(thrusters, coupling, node_count, work):
     """Thrust of each thruster through the shared feed, and its sums, at each node.
 
     The sums are the body wrench, the mass flow and the number of open valves. Thrusters are taken four at a
     time: the sums then go through memory a quarter as often.
     """
-    n, lanes = thrusters.shape[1], sums.shape[1]
+    columns, valves, nodes, sums = work.columns, work.valves, work.nodes, work.sums
+    n, lanes = thrusters.thrust.shape[0], sums.shape[1]
     fours = n - n % 4
     for node in range(node_count):
         level, thrust, row = (_OPENING + node) * n, (_THRUST + node) * n, _SUMS * node
@@ -565,7 +494,7 @@ def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums
             for w in range(lanes):
                 sums[row + _OPEN, w] += nodes[level + i, w]
         for i in range(n):
-            flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+            flow_per_thrust = thrusters.thrust[i] * thrusters.flow_per_thrust[i]
             for w in range(lanes):
                 q_i = nodes[level + i, w]
                 through = 1.0 - coupling * (sums[row + _OPEN, w] - q_i)
@@ -586,23 +515,25 @@ def _sum_thrusters(thrusters, coupling, columns, valves, node_count, nodes, sums
 
 
 @njit(forceinline=True)
-def _follow_tilts(b, faults, clock, columns, node_count, nodes, sums, n):
+def _follow_tilts(b, faults, node_count, work, n):
     """Turn the thrust of the misaligned thrusters of the marked craft."""
+    clock = work.clock
     for w in range(clock.shape[1]):
         if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
             for k in range(faults.shape[2]):
-                if faults[b, w, k, code.FIELD_KIND] == code.MISALIGNMENT:
-                    _tilt_one(faults[b, w, k], w, clock, columns, node_count, nodes, sums, n)
+                if health.tilts(faults[b, w, k]):
+                    _tilt_one(faults[b, w, k], w, node_count, work, n)
 
 
 @njit
-def _tilt_one(fault, w, clock, columns, node_count, nodes, sums, n):
+def _tilt_one(fault, w, node_count, work, n):
+    clock, columns, nodes, sums = work.clock, work.columns, work.nodes, work.sums
     start = clock[_START, w] + clock[_BEFORE, w]
     end = start + clock[_LENGTH, w]
-    if not firing.is_active(fault, 0.5 * (start + end)):
+    if not health.is_active(fault, 0.5 * (start + end)):
         return
-    i = int(fault[code.FIELD_THRUSTER])
-    s0, sm, s1 = firing.severity_nodes(fault, start, end)
+    i = health.thruster_of(fault)
+    s0, sm, s1 = health.severity_nodes(fault, start, end)
     for node in range(node_count):
         s = s0 if node == 0 else (sm if node == 1 else s1)
         force = nodes[(_THRUST + node) * n + i, w]
@@ -614,14 +545,9 @@ def _tilt_one(fault, w, clock, columns, node_count, nodes, sums, n):
 
 
 @njit(forceinline=True)
-def _simpson(a, m, z):
-    """Mean of a quadratic from its start, middle and end; exactly ``a`` when all three are equal."""
-    return a + 1 / 6 * (4.0 * (m - a) + (z - a))
-
-
-@njit(forceinline=True)
-def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
+def _accumulate(node_count, work, n):
     """Add the piece to the impulse, the open time and each thruster's delivered on-time."""
+    clock, nodes, sums, impulse, valves = work.clock, work.nodes, work.sums, work.impulse, work.valves
     lanes = clock.shape[1]
     if node_count == 1:
         for k in range(_SUMS):
@@ -633,23 +559,24 @@ def _accumulate(clock, node_count, nodes, sums, impulse, valves, n):
     else:
         for k in range(_SUMS):
             for w in range(lanes):
-                mean = _simpson(sums[k, w], sums[_SUMS + k, w], sums[2 * _SUMS + k, w])
+                mean = simpson(sums[k, w], sums[_SUMS + k, w], sums[2 * _SUMS + k, w])
                 impulse[k, w] += clock[_LENGTH, w] * mean
         for i in range(n):
             a, m, z = _THRUST * n + i, (_THRUST + 1) * n + i, (_THRUST + 2) * n + i
             for w in range(lanes):
-                mean = _simpson(nodes[a, w], nodes[m, w], nodes[z, w])
+                mean = simpson(nodes[a, w], nodes[m, w], nodes[z, w])
                 valves[_DELIVERED * n + i, w] += clock[_LENGTH, w] * mean
 
 
 @njit(forceinline=True)
-def _cut(b, data, constants, inverse, clock, node_count, sums):
+def _cut(b, data, vehicle, clock, node_count, sums):
     """Count into how many equal sub-steps the piece of each craft is cut.
 
     Craft have their pieces at different times; each one takes only the sub-steps that it needs. How far it
     can turn in a piece is bounded from its rate at the start of the period and the torques since then. One
     that needs more than can be flown is lost.
     """
+    constants, inverse = vehicle.constants, vehicle.body.inverse
     last = _SUMS * (node_count - 1)
     for w in range(clock.shape[1]):
         length = clock[_LENGTH, w]
@@ -659,26 +586,26 @@ def _cut(b, data, constants, inverse, clock, node_count, sums):
                 abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
                 abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
             )
-            acceleration = constants[at.SPIN_PER_TORQUE] * torque
+            acceleration = constants.spin_per_torque * torque
             turns = max(
-                clock[_SPIN, w] * length / constants[at.TURN_LIMIT],
-                math.sqrt(acceleration / constants[at.TWIST_LIMIT]) * length,
+                clock[_SPIN, w] * length / constants.turn_limit,
+                math.sqrt(acceleration / constants.twist_limit) * length,
             )
-            turns = min(turns, length / constants[at.SHORT_SUBSTEP])
+            turns = min(turns, length / constants.short_substep)
             clock[_SPIN, w] += acceleration * length
             spin_up, flow = 0.0, 0.0
             for node in range(node_count):
                 k = _SUMS * node
                 torques = (sums[k + 3, w], sums[k + 4, w], sums[k + 5, w])
-                spin_up = max(spin_up, _size(symmetric_product(inverse, torques)))
+                spin_up = max(spin_up, size(symmetric_product(inverse, torques)))
                 flow = max(flow, sums[k + _FLOW, w])
             clock[_RATE, w] += spin_up * length
             turns = max(turns, length * substep_rate(clock[_RATE, w], spin_up, constants))
-            if constants[at.FAR_TURN] < math.inf:
+            if constants.far_turn < math.inf:
                 clock[_MASS, w] -= flow * length
                 left = clock[_MASS, w]
                 turns = max(turns, flow * length / (_DRAIN * left) if left > 0.0 else math.inf)
-            wanted = max(length / constants[at.MAX_SUBSTEP], turns)
+            wanted = max(length / constants.max_substep, turns)
             if clock[_EXTRA, w] + wanted <= MOST_SUBSTEPS + 1.0:
                 clock[_COUNT, w] = math.ceil(wanted)
                 clock[_EXTRA, w] += clock[_COUNT, w] - 1.0
@@ -688,33 +615,6 @@ def _cut(b, data, constants, inverse, clock, node_count, sums):
 
 #: Share of its mass that a craft may lose in one sub-step.
 _DRAIN = 0.1
-#: How far a craft may turn in a sub-step (rad) over its GYROSCOPY, and the angle that it may turn so in a
-#: period (rad): beyond, sub-steps are shorter, since errors of the rate add up.
-_GYROSCOPIC_TURN, _GYROSCOPIC_PERIOD = 0.09, 5.0
-
-
-@njit(forceinline=True)
-def fastest_rate(rate, gyroscopy):
-    """Bound on the size of the rate of a body without torque, rad/s: it grows where axes exchange energy."""
-    return (1.0 + 0.42 * gyroscopy) * _size(rate)
-
-
-@njit(forceinline=True)
-def substep_rate(rate, spin_up, constants):
-    """Sub-steps per second so that none turns a craft too far, at the rate that it may reach."""
-    gyroscopic = constants[at.GYROSCOPY] / _GYROSCOPIC_TURN
-    angle = rate * constants[at.PERIOD] / _GYROSCOPIC_PERIOD
-    if angle > 1.0:
-        gyroscopic *= math.sqrt(math.sqrt(angle))
-    gyroscopic = gyroscopic if constants[at.FAR_TURN] < math.inf else 0.0
-    return max(
-        rate * max(1.0 / constants[at.FAR_TURN], gyroscopic), math.sqrt(spin_up / constants[at.FAR_TWIST])
-    )
-
-
-@njit(forceinline=True)
-def _size(v):
-    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @njit(forceinline=True)
@@ -755,7 +655,7 @@ def _quadratic(sums, w, k, s):
 
 
 @njit(forceinline=True)
-def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state):
+def _integrate(body, node_count, schedule, cursor, state):
     """Move the craft of the block through their schedules, and empty these.
 
     Those with fewer sub-steps wait: their last ones have no length.
@@ -774,83 +674,12 @@ def _integrate(n, inertia, inverse, radius, node_count, schedule, cursor, state)
         m, z = a + middle, a + end
         for w in range(lanes):
             substep(
-                state, w, schedule[_ENTRY * j + _H, w], n, inertia, inverse, radius,
-                (schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
-                (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
-                (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w]),
-                (schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
-                (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
-                (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w]),
-                schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w], None,
+                state, w, schedule[_ENTRY * j + _H, w], body,
+                ((schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
+                 (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
+                 (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w])),
+                ((schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
+                 (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
+                 (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w])),
+                (schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w]), None,
             )  # fmt: skip
-
-
-@njit(forceinline=True)
-def substep(
-    state, w, h, n, inertia, inverse, radius,
-    force_0, force_m, force_1, torque_0, torque_m, torque_1, flow_0, flow_m, flow_1, push,
-):  # fmt: skip
-    """One sub-step of one craft.
-
-    Forces and torques in the body at its start, middle and end are in N and N m, mass flow in kg/s. ``push``
-    is a constant acceleration beside them, m/s^2 in LVLH, or None.
-    """
-    rate = (state[_W, w], state[_W + 1, w], state[_W + 2, w])
-    quarter, middle, end = rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h)
-    q = (state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w])
-    q_m = follow_orbit(turn(q, rate, quarter, middle, 0.5 * h), n, 0.5 * h)
-    q_1 = follow_orbit(turn(q, rate, middle, end, h), n, h)
-    mass = state[_M, w]
-    mass_m = mass - 0.5 * h * (flow_0 + 1 / 12 * (8.0 * (flow_m - flow_0) - (flow_1 - flow_0)))
-    mass_1 = mass - h * _simpson(flow_0, flow_m, flow_1)
-    r, v = translation_step(
-        (state[_R, w], state[_R + 1, w], state[_R + 2, w]),
-        (state[_V, w], state[_V + 1, w], state[_V + 2, w]),
-        _specific(rotate_back(q, force_0), mass, push),
-        _specific(rotate_back(q_m, force_m), mass_m, push),
-        _specific(rotate_back(q_1, force_1), mass_1, push),
-        n, radius, h,
-    )  # fmt: skip
-    state[_R, w], state[_R + 1, w], state[_R + 2, w] = r[0], r[1], r[2]
-    state[_V, w], state[_V + 1, w], state[_V + 2, w] = v[0], v[1], v[2]
-    state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q_1[0], q_1[1], q_1[2], q_1[3]
-    state[_W, w], state[_W + 1, w], state[_W + 2, w] = end[0], end[1], end[2]
-    state[_M, w] = mass_1
-
-
-@njit(forceinline=True)
-def _specific(force, mass, push):
-    """Acceleration by a force and beside it; whether there is any beside it is decided when compiled."""
-    inverse = 1.0 / mass
-    if push is None:
-        return (inverse * force[0], inverse * force[1], inverse * force[2])
-    return (inverse * force[0] + push[0], inverse * force[1] + push[1], inverse * force[2] + push[2])
-
-
-@njit(forceinline=True)
-def freeze_lost(b, data, state):
-    """Put craft that are lost back to where they were at the start of the period, and mark them so.
-
-    Lost are those that turned too fast to be followed, those that have no mass left, and those of which a
-    number is not finite or out of any reach, in the unit that it has.
-    """
-    for w in range(state.shape[1]):
-        within = data[b, at.LOST, w] == 0.0 and state[_M, w] > 0.0
-        for k in range(_STATE):
-            within &= abs(state[k, w]) <= _OUT_OF_REACH
-        if not within:
-            data[b, at.LOST, w] = 1.0
-            for k in range(_STATE):
-                state[k, w] = data[b, k, w]
-
-
-@njit(forceinline=True)
-def finish(b, data, state):
-    """Write the moved state back, with the quaternion at unit length."""
-    lanes = state.shape[1]
-    for w in range(lanes):
-        q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
-        state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
-    for k in range(_STATE):
-        for w in range(lanes):
-            data[b, k, w] = state[k, w]

@@ -4,8 +4,8 @@ Models one pulse per thruster and period, put off by the delay of the modulator:
 to the thrusters of a craft and an error of each pulse (:class:`~thruster_envs.spacecraft.Modulator`), so that
 a pulse may lie in the periods after that of its command. Pulses that overlap are one. The thrust follows the
 opening ``g`` of the valve with a first-order lag, ``time_constant q' = g - q``; an isolation valve that is
-closed stops ``g``, whatever is wrong with the thruster. Faults act on ``g`` (stuck, leaking, blocked), on the
-lag (slow), on the delay (late), or on the thrust (loss, misalignment). There is a constant acceleration
+closed stops ``g``, whatever is wrong with the thruster. Faults act on ``g``, on the lag, on the delay, on the
+commanded on-time or on the thrust, as :mod:`.health` has it. There is a constant acceleration
 beside the thrust, held for the period, for whatever else disturbs a craft.
 
 No thruster feels another one, so a period needs no corners: with the lag, the impulse of a thruster over a
@@ -24,56 +24,29 @@ rendezvous phase of the Mars Sample Return mission", sections 2 and 4.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
-from thruster_envs.physics import layout as at
-from thruster_envs.physics.flight import (
-    MOST_SUBSTEPS,
-    draw_words,
-    fastest_rate,
-    finish,
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.body import (
+    STATE_ROWS,
+    equal_substeps,
     freeze_lost,
+    load_state,
+    store_state,
     substep,
-    substep_rate,
 )
-from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
+from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
+from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import VALVES, cos_sin_turns, philox, uniform_pair
-from thruster_envs.spacecraft import Modulator, Spacecraft
 
-# Entries of the constants of a modulator: s, s, 1/s, s; integration sub-steps of a period; pulses of earlier
-# periods that may still be open.
-DELAY, VARIATION, FREQUENCY, JITTER, SUBSTEPS, CARRIED, MODULATED = range(7)
+FloatArray = NDArray[np.float64]
 
-
-class Vehicle(NamedTuple):
-    """What the kernels read of a vehicle.
-
-    Attributes:
-        thrusters: (THRUSTER_ROWS, n) and
-        constants: (CONSTANTS,), as :mod:`.layout` has them.
-        modulator: (MODULATED,).
-        inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
-        inverse: Of the inertia, in the same form.
-        radius: Of the orbit, m; None for Hill's equations.
-    """
-
-    thrusters: NDArray[np.float64]
-    constants: NDArray[np.float64]
-    modulator: NDArray[np.float64]
-    inertia: tuple[float, ...]
-    inverse: tuple[float, ...]
-    radius: float | None
-
-
-# Rows of a block's moving state, as in ``data``.
-_W, _M, _STATE = 10, 13, 14
 # Groups of rows of one pulse: opening and closing, s of the period, and the on-time that was commanded, s.
 _OPENS, _CLOSES, _ON_TIME, _PULSE = range(4)
 # Per-thruster groups of rows of the valves. Level of the thrust now and at the start of the sub-step, 1 over
@@ -97,51 +70,76 @@ _TIME, _TIME_MOMENT, _RISE, _CURSOR, _SCRATCH = range(5)
 _START, _H, _COUNT, _EACH, _CLOCK = range(5)
 
 
-@kernel(nogil=True)
-def fly_blocks(data, faults, streams, vehicle, fly, first, last):
-    """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
+class _Work(NamedTuple):
+    """Scratch of one block, (rows, lanes) each but for the corners, which are those of one thruster."""
 
-    Duties, closed isolation valves and the acceleration beside the thrust stand in ``data``, in the rows that
-    :class:`.layout.Layout` names. ``vehicle`` is a :class:`Vehicle`. ``fly`` False fires the thrusters
-    without moving the craft or reading its sensors. Nothing outside the given blocks is read or written.
+    words: NDArray[np.uint64]
+    pulses: FloatArray
+    valves: FloatArray
+    columns: FloatArray
+    state: FloatArray
+    sums: FloatArray
+    scratch: FloatArray
+    clock: FloatArray
+    sight: FloatArray
+    corners: FloatArray
+
+
+def compile_period(lanes: int) -> Any:
+    """The kernel that flies craft behind a modulator, in blocks of ``lanes`` craft.
+
+    As :mod:`thruster_envs.physics.period` has it. Closed isolation valves and the
+    acceleration beside the thrust stand in ``data``, in the rows that :class:`.rows.Rows` names.
     """
-    n, count = vehicle.thrusters.shape[1], int(vehicle.modulator[CARRIED]) + 1
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 32), np.uint64)
-    pulses = np.zeros((_PULSE * count * n, 32))
-    valves = np.zeros((_VALVE_GROUPS * n, 32))
-    columns = np.zeros((6 * n, 32))
-    state = np.zeros((_STATE, 32))
-    sums = np.zeros((_SUMS, 32))
-    scratch = np.zeros((_SCRATCH, 32))
-    clock = np.zeros((_CLOCK, 32))
-    sight = np.zeros((SIGHT_ROWS, 32))
-    corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
-            scratch, clock, sight, corners,
+
+    @kernel(nogil=True)
+    def fly_period(arrays, parts, move, first, last):
+        batch, vehicle = open_batch(arrays), open_vehicle(parts)
+        n, count = vehicle.rows.thrusters, vehicle.rows.carried + 1
+        work = _Work(
+            np.zeros((word_rows(n), lanes), np.uint64),
+            np.zeros((_PULSE * count * n, lanes)),
+            np.zeros((_VALVE_GROUPS * n, lanes)),
+            np.zeros((6 * n, lanes)),
+            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((_SUMS, lanes)),
+            np.zeros((_SCRATCH, lanes)),
+            np.zeros((_CLOCK, lanes)),
+            np.zeros((SIGHT_ROWS, lanes)),
+            np.zeros((2 * count + 4 * batch.faults.shape[2], 1)),
+        )
+        for b in range(first, last):
+            _fly_block(b, batch, vehicle, move, work)
+
+    @kernel
+    def draw_phases(data, streams, which, craft, row):
+        """Draw the phase of the modulator's sine, in turns, for the craft of the worlds ``which``."""
+        lanes = data.shape[2]
+        for k in range(which.shape[0]):
+            for c in range(craft):
+                b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
+                data[b, row, w] = uniform_pair(_valve_words(b, w, streams, 0xFFFFFFFF, 0)[0])[0]
+
+    @njit(forceinline=True)
+    def _cut(b, data, vehicle, move, state, clock):
+        """Into how many equal sub-steps each craft cuts the period; returns the most of them."""
+        most, fewest, period = 0, vehicle.modulator.substeps, vehicle.constants.period
+        for w in range(state.shape[1]):
+            count = equal_substeps(b, w, data, state, period, fewest, vehicle.constants) if move else fewest
+            clock[_COUNT, w], clock[_EACH, w] = count, period / count
+            most = int(count) if count > most else most
+        return most
+
+    @njit(forceinline=True)
+    def _valve_words(b, w, streams, block, step):
+        """Four random words of a craft for its modulator."""
+        return philox(
+            np.uint64(block), np.uint64(step), streams[b, at.EPISODE, w],
+            streams[b, at.CRAFT, w] | np.uint64(VALVES << 32),
+            streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
         )  # fmt: skip
 
-
-@kernel(nogil=True)
-def fly_singly(data, faults, streams, vehicle, fly, first, last):
-    """The same as :func:`fly_blocks` for blocks of one craft."""
-    n, count = vehicle.thrusters.shape[1], int(vehicle.modulator[CARRIED]) + 1
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 1), np.uint64)
-    pulses = np.zeros((_PULSE * count * n, 1))
-    valves = np.zeros((_VALVE_GROUPS * n, 1))
-    columns = np.zeros((6 * n, 1))
-    state = np.zeros((_STATE, 1))
-    sums = np.zeros((_SUMS, 1))
-    scratch = np.zeros((_SCRATCH, 1))
-    clock = np.zeros((_CLOCK, 1))
-    sight = np.zeros((SIGHT_ROWS, 1))
-    corners = np.zeros((2 * count + 4 * faults.shape[2], 1))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums,
-            scratch, clock, sight, corners,
-        )  # fmt: skip
+    return fly_period
 
 
 @kernel
@@ -155,24 +153,13 @@ def draw_phases(data, streams, which, craft, row):
 
 
 @njit(forceinline=True)
-def _cut(b, data, constants, modulator, fly, state, clock):
-    """Into how many equal sub-steps each craft cuts the period; returns the most of them.
-
-    One that would need more than can be flown is lost.
-    """
-    most, fewest, period = 0, modulator[SUBSTEPS], constants[at.PERIOD]
+def _cut(b, data, vehicle, move, state, clock):
+    """Into how many equal sub-steps each craft cuts the period; returns the most of them."""
+    most, fewest, period = 0, vehicle.modulator.substeps, vehicle.constants.period
     for w in range(state.shape[1]):
-        clock[_COUNT, w] = fewest
-        if fly and data[b, at.LOST, w] == 0.0:
-            rate = fastest_rate((state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY])
-            spin_up = constants[at.SPIN_UP]
-            wanted = period * substep_rate(rate + spin_up * period, spin_up, constants)
-            if wanted > fewest:
-                clock[_COUNT, w] = math.ceil(min(wanted, MOST_SUBSTEPS))
-            if not wanted <= MOST_SUBSTEPS:
-                clock[_COUNT, w], data[b, at.LOST, w] = fewest, 1.0
-        clock[_EACH, w] = period / clock[_COUNT, w]
-        most = int(clock[_COUNT, w]) if clock[_COUNT, w] > most else most
+        count = equal_substeps(b, w, data, state, period, fewest, vehicle.constants) if move else fewest
+        clock[_COUNT, w], clock[_EACH, w] = count, period / count
+        most = int(count) if count > most else most
     return most
 
 
@@ -186,35 +173,24 @@ def _valve_words(b, w, streams, block, step):
     )  # fmt: skip
 
 
-@njit(forceinline=True)
-def _fly_block(
-    b, data, faults, streams, vehicle, fly, count, words, pulses, valves, columns, state, sums, scratch,
-    clock, sight, corners,
-):  # fmt: skip
-    thrusters, constants, modulator = vehicle.thrusters, vehicle.constants, vehicle.modulator
-    n, lanes, period = thrusters.shape[1], state.shape[1], constants[at.PERIOD]
-    further = at.SCALARS + 11 * n
-    inhibited = further + _PULSE * (count - 1) * n
-    push = inhibited + n
-    for k in range(_STATE):
-        for w in range(lanes):
-            state[k, w] = data[b, k, w]
-    for k in range(6 * n):
-        for w in range(lanes):
-            columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
-    _command_valves(b, data, streams, thrusters, constants, modulator, count, further, pulses, valves)
-    draw_words(b, data, streams, words, n)
-    _set_strengths(thrusters, constants, words, state, valves)
+@njit(inline="always")
+def _fly_block(b, batch, vehicle, move, work):
+    data, faults, rows, period = batch.data, batch.faults, vehicle.rows, vehicle.constants.period
+    clock, valves, sums, state = work.clock, work.valves, work.sums, work.state
+    n, lanes = rows.thrusters, state.shape[1]
+    load_state(b, data, work.columns, rows, state)
+    _command_valves(b, batch, vehicle, work.pulses, valves)
+    draw_words(b, batch, work.words, n)
+    _set_strengths(vehicle, work.words, state, valves)
     changing = False
     for w in range(lanes):
         for k in range(faults.shape[2]):
-            if faults[b, w, k, code.FIELD_KIND] > 0.0:
-                changing |= _strike(b, w, faults, data[b, at.STEP, w] * period, period, count, pulses,
-                                    valves, columns)  # fmt: skip
+            if health.is_there(faults[b, w, k]):
+                changing |= _strike(b, w, batch, vehicle, work)
                 break
     for i in range(n):
         for w in range(lanes):
-            flows = 1.0 - data[b, inhibited + i, w]
+            flows = 1.0 - data[b, rows.inhibited + i, w]
             valves[_FLOOR * n + i, w] *= flows
             valves[_SLOPE * n + i, w] *= flows
             valves[_FED * n + i, w] = flows
@@ -222,22 +198,18 @@ def _fly_block(
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = 0.0
-    for s in range(_cut(b, data, constants, modulator, fly, state, clock)):
+    for s in range(_cut(b, data, vehicle, move, state, clock)):
         for w in range(lanes):
             clock[_H, w] = clock[_EACH, w] if s < clock[_COUNT, w] else 0.0
             clock[_START, w] = s * clock[_EACH, w] if s < clock[_COUNT, w] else period
-        _follow_valves(pulses, count, clock, valves, scratch, n)
-        _sum_thrusters(thrusters, columns, valves, sums)
+        _follow_valves(rows, work)
+        _sum_thrusters(vehicle.thrusters, work.columns, valves, sums)
         if changing:
             for w in range(lanes):
-                before, h = clock[_START, w], clock[_H, w]
-                start = data[b, at.STEP, w] * period + before
+                start = data[b, at.STEP, w] * period + clock[_START, w]
                 for i in range(n):
-                    if valves[_FAULTY * n + i, w] == _CHANGING and h > 0.0:
-                        _follow_changes(
-                            b, w, i, faults, start, before, h, pulses, count, thrusters, valves, columns,
-                            sums, corners,
-                        )  # fmt: skip
+                    if valves[_FAULTY * n + i, w] == _CHANGING and clock[_H, w] > 0.0:
+                        _follow_changes(b, w, i, faults, start, vehicle, work)
         for i in range(n):
             for w in range(lanes):
                 valves[_DELIVERED * n + i, w] += valves[_THRUST_0 * n + i, w]
@@ -245,25 +217,25 @@ def _fly_block(
         for k in range(6):
             for w in range(lanes):
                 data[b, at.IMPULSE + k, w] += sums[k, w]
-        if fly:
-            _move(b, data, push, vehicle, clock, sums, state)
-    _store(b, data, count, further, period, pulses, valves, n)
-    if fly:
+        if move:
+            _move(b, data, vehicle, clock, sums, state)
+    _store(b, data, vehicle, work.pulses, valves)
+    if move:
         freeze_lost(b, data, state)
-        finish(b, data, state)
-        expected_change(b, data, constants, thrusters, valves, _NOMINAL * n, sight)
-        look(b, data, constants, vehicle.inertia, vehicle.inverse, words, state, sight)
+        store_state(b, data, state, 0)
+        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        look(b, data, vehicle, work.words, state, work.sight)
 
 
 @njit(forceinline=True)
-def _command_valves(b, data, streams, thrusters, constants, modulator, count, further, pulses, valves):
+def _command_valves(b, batch, vehicle, pulses, valves):
     """The pulses that are still to come, the one that is commanded now, and the nominal on-times."""
-    n, lanes, period = thrusters.shape[1], pulses.shape[1], constants[at.PERIOD]
-    newest = _PULSE * (count - 1) * n
-    phase = further + newest + n + 3
+    data, streams, rows, modulator = batch.data, batch.streams, vehicle.rows, vehicle.modulator
+    thrusters, n, lanes, period = vehicle.thrusters, rows.thrusters, pulses.shape[1], vehicle.constants.period
+    count, newest = rows.carried + 1, _PULSE * rows.carried * n
     for k in range(newest):
         for w in range(lanes):
-            pulses[k, w] = data[b, further + k, w]
+            pulses[k, w] = data[b, rows.pending + k, w]
     # The errors of the delays, -1..1, wait in the rows of the openings.
     for block in range((n + 7) // 8):
         for w in range(lanes):
@@ -276,25 +248,25 @@ def _command_valves(b, data, streams, thrusters, constants, modulator, count, fu
                 if i + 1 < n:
                     pulses[newest + _OPENS * n + i + 1, w] = 2.0 * second - 1.0
     for w in range(lanes):
-        turns = data[b, at.STEP, w] * period * modulator[FREQUENCY] + data[b, phase, w]
+        turns = data[b, at.STEP, w] * period * modulator.frequency + data[b, rows.phase, w]
         sine = cos_sin_turns(turns - math.floor(turns))[1]
-        valves[_NOMINAL * n, w] = modulator[DELAY] + modulator[VARIATION] * sine
+        valves[_NOMINAL * n, w] = modulator.delay + modulator.variation * sine
     common = _NOMINAL * n
     for i in range(n - 1, -1, -1):
-        minimum = thrusters[at.MINIMUM_PULSE, i]
-        later, longer = thrusters[at.OPENING_DELAY, i], thrusters[at.CLOSING_DELAY, i]
-        nominal = modulator[DELAY] + later + 1.0 / thrusters[at.LAG_RATE, i]
+        minimum = thrusters.minimum_pulse[i]
+        later, longer = thrusters.opening_delay[i], thrusters.closing_delay[i]
+        nominal = modulator.delay + later + 1.0 / thrusters.lag_rate[i]
         for w in range(lanes):
-            on_time = data[b, at.SCALARS + i, w] * period
+            on_time = data[b, rows.duties + i, w] * period
             on_time = on_time if on_time >= minimum else 0.0
-            begins = valves[common, w] + modulator[JITTER] * pulses[newest + _OPENS * n + i, w]
+            begins = valves[common, w] + modulator.jitter * pulses[newest + _OPENS * n + i, w]
             opens = begins + later
             closes = begins + on_time + longer if on_time > 0.0 else opens
             pulses[newest + _OPENS * n + i, w] = opens
             pulses[newest + _CLOSES * n + i, w] = closes if closes > opens else opens
             pulses[newest + _ON_TIME * n + i, w] = on_time
-            valves[_LEVEL * n + i, w] = data[b, at.SCALARS + 3 * n + i, w]
-            valves[_RATE * n + i, w] = thrusters[at.LAG_RATE, i]
+            valves[_LEVEL * n + i, w] = data[b, rows.level + i, w]
+            valves[_RATE * n + i, w] = thrusters.lag_rate[i]
             valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w] = 0.0, 1.0
             valves[_GAIN * n + i, w], valves[_FAULTY * n + i, w] = 1.0, 0.0
             valves[_DELIVERED * n + i, w] = 0.0
@@ -314,84 +286,83 @@ def _command_valves(b, data, streams, thrusters, constants, modulator, count, fu
 
 
 @njit(forceinline=True)
-def _set_strengths(thrusters, constants, words, state, valves):
+def _set_strengths(vehicle, words, state, valves):
     """Strength of each thruster in this period: its scatter, and none without propellant."""
-    n, lanes = thrusters.shape[1], state.shape[1]
+    n, lanes = vehicle.rows.thrusters, state.shape[1]
     for i in range(n):
-        scatter = thrusters[at.SCATTER, i]
+        scatter = vehicle.thrusters.scatter[i]
         for w in range(lanes):
             first, second = uniform_pair(words[6 + i // 2, w])
             strength = 1.0 + scatter * (2.0 * (first if i % 2 == 0 else second) - 1.0)
-            valves[_STRENGTH * n + i, w] = strength if state[_M, w] > constants[at.DRY_MASS] else 0.0
+            valves[_STRENGTH * n + i, w] = strength if state[at.MASS, w] > vehicle.constants.dry_mass else 0.0
 
 
 @njit
-def _strike(b, w, faults, start, period, count, pulses, valves, columns):
+def _strike(b, w, batch, vehicle, work):
     """Let the faults of a craft act on its thrusters for a period, those that change within it apart.
 
     Returns whether there are such.
     """
-    n, newest, changing = columns.shape[0] // 6, _PULSE * (count - 1), False
+    faults, period, pulses, valves, columns = (
+        batch.faults, vehicle.constants.period, work.pulses, work.valves, work.columns,
+    )  # fmt: skip
+    n, newest, changing = vehicle.rows.thrusters, _PULSE * vehicle.rows.carried, False
+    start = batch.data[b, at.STEP, w] * period
     middle = start + 0.5 * period
     for k in range(faults.shape[2]):
         fault = faults[b, w, k]
-        kind = fault[code.FIELD_KIND]
-        if not (kind > 0.0 and fault[code.FIELD_ONSET] < start + period and fault[code.FIELD_END] > start):
+        if not health.is_within(fault, start, start + period):
             continue
-        i = int(fault[code.FIELD_THRUSTER])
-        if kind == code.LATE_OPENING:
-            if firing.is_active(fault, start):
-                opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
-                pulses[opens, w] = min(pulses[opens, w] + firing.severity(fault, start), pulses[closes, w])
-        elif kind == code.SLOW_OPENING:
-            if firing.is_active(fault, start):
-                slower = 1.0 / valves[_RATE * n + i, w] + firing.severity(fault, start)
-                valves[_RATE * n + i, w] = 1.0 / slower
+        if health.acts_on_commands(fault):
+            _lengthen(b, w, fault, batch, vehicle, pulses)
         else:
-            steady = firing.is_steady(fault, start, period)
+            steady = health.is_steady(fault, start, period)
             changing |= not steady
-            valves[_FAULTY * n + i, w] = max(valves[_FAULTY * n + i, w], _STEADY if steady else _CHANGING)
+            row = _FAULTY * n + health.thruster_of(fault)
+            valves[row, w] = max(valves[row, w], _STEADY if steady else _CHANGING)
+    for k in range(faults.shape[2]):
+        delay, lag, _ = health.command_error(faults[b, w, k], start)
+        i = health.thruster_of(faults[b, w, k])
+        if delay > 0.0:
+            opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
+            pulses[opens, w] = min(pulses[opens, w] + delay, pulses[closes, w])
+        if lag > 0.0:
+            valves[_RATE * n + i, w] = 1.0 / (1.0 / valves[_RATE * n + i, w] + lag)
     for i in range(n):
         if valves[_FAULTY * n + i, w] == _STEADY:
-            floor, slope, gain = _health(b, w, i, faults, middle, middle)
+            floor, slope, gain = health.health_at(faults[b, w], i, middle, middle, None)
             valves[_FLOOR * n + i, w], valves[_SLOPE * n + i, w] = floor, slope
             valves[_GAIN * n + i, w] = gain
             for k in range(faults.shape[2]):
                 if _tilts(faults[b, w, k], i, middle):
-                    tilt = firing.severity(faults[b, w, k], middle)
-                    for c in range(6):
-                        columns[6 * i + c, w] = (
-                            math.cos(tilt) * columns[6 * i + c, w]
-                            + math.sin(tilt) * faults[b, w, k, at.FAULT_TILTED + c]
-                        )
+                    health.tilt_columns(faults[b, w, k], middle, columns, w)
     return changing
+
+
+@njit
+def _lengthen(b, w, fault, batch, vehicle, pulses):
+    """Let the pulse commanded now last as long as what faults add to its duty makes it."""
+    rows, thrusters, n, period = (
+        vehicle.rows,
+        vehicle.thrusters,
+        vehicle.rows.thrusters,
+        vehicle.constants.period,
+    )
+    start = batch.data[b, at.STEP, w] * period
+    if health.command_error(fault, start)[2] > 0.0:
+        n, i, newest = rows.thrusters, health.thruster_of(fault), _PULSE * rows.carried
+        opens, closes = (newest + _OPENS) * n + i, (newest + _CLOSES) * n + i
+        duty = batch.data[b, rows.duties + i, w]
+        on_time = health.biased_duty(batch.faults[b, w], i, start, duty, None) * period
+        on_time = on_time if on_time >= thrusters.minimum_pulse[i] else 0.0
+        longer = on_time + thrusters.closing_delay[i] - thrusters.opening_delay[i]
+        pulses[closes, w] = pulses[opens, w] + (max(longer, 0.0) if on_time > 0.0 else 0.0)
 
 
 @njit
 def _tilts(fault, i, t):
     """Whether a fault tilts thruster ``i`` (from 0) at ``t``, s of the episode."""
-    return (
-        fault[code.FIELD_KIND] == code.MISALIGNMENT
-        and int(fault[code.FIELD_THRUSTER]) == i
-        and firing.is_active(fault, t)
-    )
-
-
-@njit
-def _health(b, w, i, faults, within, t):
-    """Floor, slope and gain of thruster ``i`` at ``t``, by the faults that are active at ``within``.
-
-    Stuck open comes first, then leaking, then blocked or lossy; s of the episode.
-    """
-    floor, slope, gain = 0.0, 1.0, 1.0
-    for rank in range(3):
-        for k in range(faults.shape[2]):
-            fault = faults[b, w, k]
-            kind = int(fault[code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank == rank and int(fault[code.FIELD_THRUSTER]) == i and firing.is_active(fault, within):
-                floor, slope, gain = firing.apply_fault(kind, firing.severity(fault, t), floor, slope, gain)
-    return floor, slope, gain
+    return health.tilts(fault) and health.thruster_of(fault) == i and health.is_active(fault, t)
 
 
 @njit(forceinline=True)
@@ -410,13 +381,14 @@ def falling(x):
 
 
 @njit(forceinline=True)
-def _follow_valves(pulses, count, clock, valves, scratch, n):
+def _follow_valves(rows, work):
     """Impulse and first moment of every thruster over the sub-step of each craft, by its pulses.
 
     The lag turns the time open and its moment, ``G0`` and ``G1``, into those of the level, ``Q0 = G0 - tau
     (q1 - q0)`` and ``Q1 = G1 - tau (h q1 - Q0)``, with the levels ``q0`` and ``q1`` at both ends.
     """
-    lanes = valves.shape[1]
+    pulses, clock, valves, scratch = work.pulses, work.clock, work.valves, work.scratch
+    n, count, lanes = rows.thrusters, rows.carried + 1, valves.shape[1]
     for i in range(n):
         for k in range(_SCRATCH):
             for w in range(lanes):
@@ -458,7 +430,7 @@ def _follow_valves(pulses, count, clock, valves, scratch, n):
 @njit(forceinline=True)
 def _sum_thrusters(thrusters, columns, valves, sums):
     """Body impulse, mass that has flown out, and their first moments; thrusters are taken four at a time."""
-    n, lanes = thrusters.shape[1], sums.shape[1]
+    n, lanes = thrusters.thrust.shape[0], sums.shape[1]
     fours = n - n % 4
     for k in range(_SUMS):
         for w in range(lanes):
@@ -479,7 +451,7 @@ def _sum_thrusters(thrusters, columns, valves, sums):
                 for w in range(lanes):
                     sums[row + k, w] += valves[thrust + i, w] * columns[6 * i + k, w]
         for i in range(n):
-            flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+            flow_per_thrust = thrusters.thrust[i] * thrusters.flow_per_thrust[i]
             for w in range(lanes):
                 sums[row + _MASS_FLOW, w] += flow_per_thrust * valves[flow + i, w]
 
@@ -494,20 +466,20 @@ _GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
 
 
 @njit
-def _follow_changes(
-    b, w, i, faults, start, before, h, pulses, count, thrusters, valves, columns, sums, corners
-):  # fmt: skip
+def _follow_changes(b, w, i, faults, start, vehicle, work):
     """Take thruster ``i`` of one craft out of the sums, and put it in as its changing faults make it.
 
     Between the corners of its pulses and faults, in parts in which the opening is taken as a straight line,
     so that the lag has a closed form; ``start``, s of the episode, is where the sub-step begins.
     """
-    n = thrusters.shape[1]
+    thrusters, n = vehicle.thrusters, vehicle.rows.thrusters
+    pulses, valves, columns, sums = work.pulses, work.valves, work.columns, work.sums
+    count, before, h = vehicle.rows.carried + 1, work.clock[_START, w], work.clock[_H, w]
     rate, strength = valves[_RATE * n + i, w], valves[_STRENGTH * n + i, w]
-    flow_per_thrust = thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+    flow_per_thrust = thrusters.thrust[i] * thrusters.flow_per_thrust[i]
     _add_thruster(w, i, flow_per_thrust, -1.0, n, valves, columns, sums)
     lag, level, fed = 1.0 / rate, valves[_BEFORE * n + i, w], valves[_FED * n + i, w]
-    used = _sorted_corners(b, w, i, faults, start, before, h, pulses, count, n, corners)
+    used, corners = _sorted_corners(b, w, i, faults, start, vehicle.rows, work), work.corners
     flow_0, flow_1, thrust_0, thrust_1, opened, a = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(used + 1):
         end = corners[c, 0] if c < used else h
@@ -520,8 +492,10 @@ def _follow_changes(
         commanded = _is_open(w, i, pulses, count, n, before + a + 0.5 * piece)
         for part in range(int(parts)):
             left = a + part * length
-            f_1, s_1, _ = _health(b, w, i, faults, within, start + left + _GAUSS * length)
-            f_2, s_2, _ = _health(b, w, i, faults, within, start + left + (1.0 - _GAUSS) * length)
+            f_1, s_1, _ = health.health_at(faults[b, w], i, start + left + _GAUSS * length, within, None)
+            f_2, s_2, _ = health.health_at(
+                faults[b, w], i, start + left + (1.0 - _GAUSS) * length, within, None
+            )
             g_1, g_2 = fed * (f_1 + s_1 * commanded), fed * (f_2 + s_2 * commanded)
             bend = (g_2 - g_1) / (1.0 - 2.0 * _GAUSS)  # over the whole part
             first = g_1 - _GAUSS * bend
@@ -531,7 +505,7 @@ def _follow_changes(
                 since = _NODES[k] * length
                 at_node = behind + bend * _NODES[k] + (level - behind) * falling(since * rate)
                 t = start + left + since
-                gain = _health(b, w, i, faults, within, t)[2]
+                gain = health.health_at(faults[b, w], i, t, within, None)[2]
                 share = strength * _WEIGHTS[k] * length * at_node
                 flow_0 += share
                 flow_1 += share * (left + since)
@@ -561,7 +535,7 @@ def _tilt(b, w, i, faults, within, t, share, since, columns, sums):
     """Add what the misalignments of thruster ``i`` turn a share of its impulse by, at ``t``."""
     for k in range(faults.shape[2]):
         if _tilts(faults[b, w, k], i, within):
-            tilt = firing.severity(faults[b, w, k], t)
+            tilt = health.severity(faults[b, w, k], t)
             along, across = math.cos(tilt) - 1.0, math.sin(tilt)
             for c in range(6):
                 turned = share * (
@@ -572,16 +546,17 @@ def _tilt(b, w, i, faults, within, t, share, since, columns, sums):
 
 
 @njit
-def _sorted_corners(b, w, i, faults, start, before, h, pulses, count, n, corners):
+def _sorted_corners(b, w, i, faults, start, rows, work):
     """Write the corners of thruster ``i`` into ``corners`` (rows, 1), s of the sub-step, and say how many."""
-    used = 0
+    pulses, corners, before, h = work.pulses, work.corners, work.clock[_START, w], work.clock[_H, w]
+    n, count, used = rows.thrusters, rows.carried + 1, 0
     for p in range(count):
         for group in (_OPENS, _CLOSES):
             corners[used, 0] = min(max(pulses[(_PULSE * p + group) * n + i, w] - before, 0.0), h)
             used += 1
     for k in range(faults.shape[2]):
-        if int(faults[b, w, k, code.FIELD_THRUSTER]) == i:
-            firing.fault_corners(faults[b, w, k], start, h, corners, used, 0)
+        if health.thruster_of(faults[b, w, k]) == i:
+            health.fault_corners(faults[b, w, k], start, h, corners, used, 0)
             used += 4
     for k in range(1, used):
         corner, place = corners[k, 0], k
@@ -602,9 +577,9 @@ def _is_open(w, i, pulses, count, n, t):
 
 
 @njit(forceinline=True)
-def _move(b, data, push, vehicle, clock, sums, state):
+def _move(b, data, vehicle, clock, sums, state):
     """One sub-step of every craft of a block, under straight lines of the same impulse and first moment."""
-    lanes, n = state.shape[1], vehicle.constants[at.MEAN_MOTION]
+    lanes, body, push = state.shape[1], vehicle.body, vehicle.rows.push
     for k in range(_MOMENT):
         for w in range(lanes):
             h = clock[_H, w] if clock[_H, w] > 0.0 else 1.0  # one that waits has no impulse
@@ -618,53 +593,28 @@ def _move(b, data, push, vehicle, clock, sums, state):
         dt = (sums[10, w], sums[11, w], sums[12, w])
         flow, change = sums[_MASS_FLOW, w], sums[_MOMENT + _MASS_FLOW, w]
         substep(
-            state, w, clock[_H, w], n, vehicle.inertia, vehicle.inverse, vehicle.radius,
-            (f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2]),
-            (t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2]),
-            flow - change, flow, flow + change,
+            state, w, clock[_H, w], body,
+            ((f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2])),
+            ((t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2])),
+            (flow - change, flow, flow + change),
             (data[b, push, w], data[b, push + 1, w], data[b, push + 2, w]),
         )  # fmt: skip
 
 
 @njit(forceinline=True)
-def _store(b, data, count, further, period, pulses, valves, n):
+def _store(b, data, vehicle, pulses, valves):
     """What the period left behind: delivered on-times, levels, and the pulses that are still to come."""
-    lanes = valves.shape[1]
+    rows, period, n, lanes = vehicle.rows, vehicle.constants.period, vehicle.rows.thrusters, valves.shape[1]
     for i in range(n):
         for w in range(lanes):
-            data[b, at.SCALARS + n + i, w] = valves[_DELIVERED * n + i, w]
-            data[b, at.SCALARS + 3 * n + i, w] = valves[_LEVEL * n + i, w]
-    for p in range(count - 1):
+            data[b, rows.delivered + i, w] = valves[_DELIVERED * n + i, w]
+            data[b, rows.level + i, w] = valves[_LEVEL * n + i, w]
+    for p in range(rows.carried):
         for k in range(2 * n):
             for w in range(lanes):
-                data[b, further + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w] - period
+                data[b, rows.pending + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w] - period
         for k in range(2 * n, 3 * n):
             for w in range(lanes):
-                data[b, further + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w]
+                data[b, rows.pending + _PULSE * p * n + k, w] = pulses[_PULSE * (p + 1) * n + k, w]
     for w in range(lanes):
         data[b, at.STEP, w] += 1.0
-
-
-def modulator_constants(spacecraft: Spacecraft, max_substep: float) -> NDArray[np.float64]:
-    """(MODULATED,): what the kernels read of a spacecraft's modulator."""
-    modulator, period = _modulator(spacecraft), spacecraft.control_period
-    values = np.zeros(MODULATED)
-    values[DELAY], values[VARIATION] = modulator.delay, modulator.variation
-    values[FREQUENCY], values[JITTER] = 1.0 / modulator.variation_period, modulator.jitter
-    values[SUBSTEPS] = math.ceil(period / max_substep)
-    values[CARRIED] = carried_pulses(spacecraft)
-    return values
-
-
-def carried_pulses(spacecraft: Spacecraft) -> int:
-    """Pulses of earlier periods that may still be open when a period begins."""
-    modulator = _modulator(spacecraft)
-    longest = max(thruster.closing_delay for thruster in spacecraft.thrusters)
-    latest = modulator.delay + modulator.variation + modulator.jitter + longest
-    return math.ceil(latest / spacecraft.control_period)
-
-
-def _modulator(spacecraft: Spacecraft) -> Modulator:
-    if spacecraft.modulator is None:
-        raise ValueError(f"{spacecraft.name!r} has no modulator; a spacecraft with one would be right")
-    return spacecraft.modulator

@@ -30,9 +30,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import require
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics.firing import is_active, severity
 from thruster_envs.spacecraft import Discharge
 
 FloatArray = NDArray[np.float64]
@@ -393,39 +391,3 @@ def _weights(at, last):
         t * (t - 1.0) * (t - 3.0) / -2.0,
         t * (t - 1.0) * (t - 2.0) / 6.0,
     )
-
-
-@njit(forceinline=True)
-def strikes(fault, thruster, capacitors):
-    """Whether a fault (a row of an encoded one) strikes a thruster, by its index from 0.
-
-    A shared one strikes all thrusters whose entry in ``capacitors`` (n,) is the same.
-    """
-    struck = int(fault[code.FIELD_THRUSTER])
-    shared = fault[code.FIELD_SHARED] > 0.0 and capacitors[struck] == capacitors[thruster]
-    return shared or struck == thruster
-
-
-@njit
-def pulse_shares(faults, thruster, capacitors, time):
-    """What the faults of a craft make of a pulse of a thruster at ``time``, s of the episode.
-
-    ``faults`` (slots, >= 10) are encoded. Several faults of one kind take their shares one after the other;
-    resistances add up. Returns the share of the slug's mass, the share of the electrodes' width and the added
-    resistance in ohm, as :func:`pulse_ratio` takes them.
-    """
-    mass_share, width_share, added_resistance = 1.0, 1.0, 0.0
-    for slot in range(faults.shape[0]):
-        fault = faults[slot]
-        kind = int(fault[code.FIELD_KIND])
-        if kind < code.PROPELLANT_LOSS or not is_active(fault, time):
-            continue
-        if strikes(fault, thruster, capacitors):
-            s = severity(fault, time)
-            if kind == code.PROPELLANT_LOSS:
-                mass_share *= 1.0 - s
-            elif kind == code.ELECTRODE_SEDIMENT:
-                width_share *= 1.0 - s
-            elif kind == code.CONDUCTIVITY_LOSS:
-                added_resistance += s
-    return mass_share, width_share, added_resistance

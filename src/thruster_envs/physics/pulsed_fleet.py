@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thruster_envs.faults import DISCHARGE_KINDS, GENERAL_KINDS
-from thruster_envs.physics import layout as at
-from thruster_envs.physics import pulsed_flight as pulse
+from thruster_envs.faults import DISCHARGE_KINDS, THRUSTER_KINDS
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.period import choose_period
 from thruster_envs.physics.plasma_pulse import PulseMap
+from thruster_envs.physics.vehicle import Pulses, pack_pulses, pack_vehicle, scalar_constants
 from thruster_envs.spacecraft import Discharge, Spacecraft
 from thruster_envs.spacecraft.description import LARGEST, Vector
 
@@ -25,6 +25,9 @@ BIAS_TORQUE = (1.3e-10, -2.7e-10, 5.1e-10)
 #: N m along the torque of a thruster that has lost thrust, and of one that has gained some. The pulse counts
 #: of Valdes 2008, Tables 5.VIII to 5.X, only add up with such torques beside the faults themselves.
 REPORTED_FAULT_BIAS = (-6e-8, 1e-8)
+
+#: The sensors: there is no translation to be measured.
+MEASURED = ("attitude", "rate")
 
 #: Longest integration sub-step unless another is asked for, s.
 SUBSTEP = 1.0
@@ -68,27 +71,31 @@ class PulsedFleet(Fleet):
         check_torques(bias_torque, fault_bias)
         super().__init__(
             spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
-            kinds=GENERAL_KINDS + DISCHARGE_KINDS,
+            kinds=THRUSTER_KINDS + DISCHARGE_KINDS, sensors=MEASURED,
         )  # fmt: skip
-        pulsed = np.zeros(pulse.PULSED)
-        pulsed[pulse.FIRING_TIME] = discharge.firing_time
-        pulsed[pulse.GRADIENT] = 3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0
-        pulsed[pulse.BIAS : pulse.BIAS + 3] = bias_torque
-        pulsed[pulse.SUBSTEPS] = math.ceil(spacecraft.control_period / (max_substep or SUBSTEP))
-        pulsed[[pulse.BIAS_OF_LOSS, pulse.BIAS_OF_GAIN]] = fault_bias
         torque = math.hypot(*bias_torque) + slots * max(map(abs, fault_bias))
-        self.constants[at.SPIN_UP] = torque / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
-        capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        constants = scalar_constants(spacecraft, max_substep)._replace(
+            spin_up=torque / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min()
+        )
         table = PulseMap.of(discharge)
-        #: What the kernels read of the vehicle.
-        self.vehicle = pulse.Vehicle(
-            self.thrusters, self.constants, capacitors, table.logarithms, table.resistance, pulsed,
-            *self._inertia,
+        #: (n,), number of the capacitor of each thruster.
+        self.capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        pulses = Pulses(
+            capacitors=self.capacitors,
+            logarithms=table.logarithms,
+            resistance=table.resistance,
+            firing_time=discharge.firing_time,
+            gradient=3.0 * spacecraft.mean_motion**2 if gravity_gradient else 0.0,
+            bias=bias_torque,
+            substeps=math.ceil(spacecraft.control_period / (max_substep or SUBSTEP)),
+            bias_of_loss=fault_bias[0],
+            bias_of_gain=fault_bias[1],
+        )
+        self.vehicle = pack_vehicle(
+            spacecraft, constants, slots=slots, nonlinear=False, max_substep=max_substep,
+            pulses=pack_pulses(pulses),
         )  # fmt: skip
-
-    def _fly(self, move: bool, first: int, last: int) -> None:
-        fly = pulse.fly_singly if self.lanes == 1 else pulse.fly_blocks
-        fly(self.data, self.faults, self.streams, self.vehicle, move, first, last)
+        self._kernel = choose_period(self.lanes, modulated=False, pulsed=True)
 
 
 def check_torques(bias_torque: Sequence[float], fault_bias: Sequence[float]) -> None:

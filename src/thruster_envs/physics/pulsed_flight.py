@@ -11,7 +11,10 @@ duty fires, the first of them at a tie; the others do not.
 
 What faults mean for a pulse; they act as they stand at the moment of the firing:
 
-- `stuck_off`, `intermittent`: share of the discharge that does not come about. `loss`: share of the thrust.
+- `stuck_off`, `intermittent`: share of the discharge that does not come about. `loss`, `sign`: share of the
+  thrust, that is lost or turned round.
+- `bias`: the duty that is added asks it to fire in every period, beside what is commanded: of several on a
+  capacitor that are asked the one with the highest sum fires.
 - `stuck_on`: it fires in every period, asked or not, with this share of a discharge. `leak`: when it is not
   asked to, it fires with this share. What goes that way is missing in the capacitor: its other thrusters fire
   with the rest.
@@ -26,68 +29,33 @@ zero; the impulse is recorded), the time a capacitor takes to charge, and any ot
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
     angular_acceleration,
     exponential,
     gravity_gradient,
-    normalised,
     quaternion_product,
     rate_step,
     rotate,
     turn,
 )
-from thruster_envs.physics.flight import (
-    MOST_SUBSTEPS,
-    draw_words,
-    fastest_rate,
-    freeze_lost,
-    substep_rate,
-)
-from thruster_envs.physics.plasma_pulse import pulse_ratio, pulse_shares, strikes
-from thruster_envs.physics.sensing import SIGHT_ROWS, expected_change, look
+from thruster_envs.physics.body import STATE_ROWS, equal_substeps, freeze_lost, load_state, store_state
+from thruster_envs.physics.plasma_pulse import pulse_ratio
+from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
+from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import uniform_pair
 
-# Entries of the constants of a pulsed craft: s; 3 n^2, 1/s^2; N m along body axes; integration sub-steps of a
-# period; N m along the torque of a thruster whose fault takes thrust away, and of one whose fault adds some.
-FIRING_TIME, GRADIENT, BIAS, SUBSTEPS, BIAS_OF_LOSS, BIAS_OF_GAIN, PULSED = 0, 1, 2, 5, 6, 7, 8
+FloatArray = NDArray[np.float64]
 
-
-class Vehicle(NamedTuple):
-    """What the kernels read of a vehicle.
-
-    Attributes:
-        thrusters: (THRUSTER_ROWS, n) and
-        constants: (CONSTANTS,), as :mod:`.layout` has them.
-        capacitors: (n,), number of the capacitor of each thruster.
-        logarithms: Of the :class:`~.plasma_pulse.PulseMap` of its discharge, and
-        resistance: of the same.
-        pulsed: (PULSED,).
-        inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
-        inverse: Of the inertia, in the same form.
-    """
-
-    thrusters: NDArray[np.float64]
-    constants: NDArray[np.float64]
-    capacitors: NDArray[np.int64]
-    logarithms: NDArray[np.float64]
-    resistance: float
-    pulsed: NDArray[np.float64]
-    inertia: tuple[float, ...]
-    inverse: tuple[float, ...]
-
-
-# Rows of a block's moving state, as in ``data``.
-_Q, _W, _M, _STATE = 6, 10, 13, 14
+_Q, _W = at.ATTITUDE, at.RATE
 # Per-thruster groups of rows of the firings: whether it fires on command, thrust of a whole discharge by its
 # scatter, the share of a discharge that comes about, thrust, both as shares of nominal, delay in s, commanded
 # firing time in s.
@@ -97,184 +65,153 @@ _FIRES, _STRENGTH, _SHARE, _THRUST, _DELAY, _NOMINAL, _FIRING_GROUPS = range(7)
 # impulse at its start, N m s, body axes.
 # Then in how many sub-steps a craft flies the piece.
 _START, _COSINE, _SINE, _BEFORE, _UNTIL, _LENGTH, _TORQUE, _KICK, _COUNT, _CLOCK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    9,
-    12,
-    13,
-)
+    0, 1, 2, 3, 4, 5, 6, 9, 12, 13,
+)  # fmt: skip
 #: Rows of what faults make of thrusters: share of a discharge that comes about without a command and what a
-#: command adds to it, thrust of a discharge as a share of nominal, delay in s.
-FLOOR, SLOPE, GAIN, DELAY, HEALTH_GROUPS = range(5)
+#: command adds to it, thrust of a discharge as a share of nominal, delay in s, duty added to that commanded.
+FLOOR, SLOPE, GAIN, DELAY, ADDED, HEALTH_GROUPS = range(6)
 
 
-@kernel(nogil=True)
-def fly_blocks(data, faults, streams, vehicle, fly, first, last):
-    """Advance the blocks ``first`` to ``last`` (exclusive) by one control period, 32 craft at a time.
+class _Work(NamedTuple):
+    """Scratch of one block, (rows, lanes) each."""
 
-    A duty above 0 in the rows ``Layout.duties`` of ``data`` asks a thruster to fire once. ``vehicle`` is a
-    :class:`Vehicle`. ``fly`` False fires the thrusters without turning the craft or reading its sensors.
-    Nothing outside the given blocks is read or written.
+    words: NDArray[np.uint64]
+    firings: FloatArray
+    columns: FloatArray
+    state: FloatArray
+    clock: FloatArray
+    sight: FloatArray
+
+
+def compile_period(lanes: int) -> Any:
+    """The kernel that flies craft on pulsed plasma thrusters, in blocks of ``lanes`` craft.
+
+    As :mod:`thruster_envs.physics.period` has it. A duty above 0 asks a
+    thruster to fire once.
     """
-    n = vehicle.thrusters.shape[1]
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 32), np.uint64)
-    firings = np.zeros((_FIRING_GROUPS * n, 32))
-    columns = np.zeros((6 * n, 32))
-    state = np.zeros((_STATE, 32))
-    clock = np.zeros((_CLOCK, 32))
-    sight = np.zeros((SIGHT_ROWS, 32))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight,
-        )  # fmt: skip
+
+    @kernel(nogil=True)
+    def fly_period(arrays, parts, move, first, last):
+        batch, vehicle = open_batch(arrays), open_vehicle(parts)
+        n = vehicle.rows.thrusters
+        work = _Work(
+            np.zeros((word_rows(n), lanes), np.uint64),
+            np.zeros((_FIRING_GROUPS * n, lanes)),
+            np.zeros((6 * n, lanes)),
+            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((_CLOCK, lanes)),
+            np.zeros((SIGHT_ROWS, lanes)),
+        )
+        for b in range(first, last):
+            _fly_block(b, batch, vehicle, move, work)
+
+    return fly_period
 
 
-@kernel(nogil=True)
-def fly_singly(data, faults, streams, vehicle, fly, first, last):
-    """The same as :func:`fly_blocks` for blocks of one craft."""
-    n = vehicle.thrusters.shape[1]
-    words = np.zeros((4 * ((n + 1) // 8 + 3), 1), np.uint64)
-    firings = np.zeros((_FIRING_GROUPS * n, 1))
-    columns = np.zeros((6 * n, 1))
-    state = np.zeros((_STATE, 1))
-    clock = np.zeros((_CLOCK, 1))
-    sight = np.zeros((SIGHT_ROWS, 1))
-    for b in range(first, last):
-        _fly_block(
-            b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight,
-        )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _fly_block(
-    b, data, faults, streams, vehicle, fly, words, firings, columns, state, clock, sight
-):  # fmt: skip
-    thrusters, constants, pulsed = vehicle.thrusters, vehicle.constants, vehicle.pulsed
-    capacitors, inertia, inverse = vehicle.capacitors, vehicle.inertia, vehicle.inverse
-    n, lanes, period = thrusters.shape[1], state.shape[1], constants[at.PERIOD]
-    for k in range(_STATE):
-        for w in range(lanes):
-            state[k, w] = data[b, k, w]
-    for k in range(6 * n):
-        for w in range(lanes):
-            columns[k, w] = data[b, at.SCALARS + 5 * n + k, w]
+@njit(inline="always")
+def _fly_block(b, batch, vehicle, move, work):
+    data, faults, constants, bias = batch.data, batch.faults, vehicle.constants, vehicle.pulses.bias
+    firings, columns, state, clock, sight = work.firings, work.columns, work.state, work.clock, work.sight
+    n, lanes, period = vehicle.rows.thrusters, state.shape[1], constants.period
+    load_state(b, data, columns, vehicle.rows, state)
     for w in range(lanes):
         clock[_START, w], clock[_BEFORE, w], clock[_LENGTH, w] = data[b, at.STEP, w] * period, 0.0, period
-        clock[_TORQUE, w], clock[_TORQUE + 1, w] = pulsed[BIAS], pulsed[BIAS + 1]
-        clock[_TORQUE + 2, w] = pulsed[BIAS + 2]
-    draw_words(b, data, streams, words, n)
-    _ask(b, data, thrusters, constants, capacitors, pulsed, words, firings, state)
+        clock[_TORQUE, w], clock[_TORQUE + 1, w], clock[_TORQUE + 2, w] = bias[0], bias[1], bias[2]
+    draw_words(b, batch, work.words, n)
+    _ask(b, data, vehicle, work)
     late = False
     for w in range(lanes):
-        used = 0
+        used = False
         for k in range(faults.shape[2]):
-            used += 1 if faults[b, w, k, code.FIELD_KIND] > 0.0 else 0
-        if used > 0:
-            late |= _strike(b, w, faults, vehicle, period, firings, columns, clock)
-    _fire(b, data, thrusters, pulsed, firings, columns, state)
-    if fly:
+            used |= health.is_there(faults[b, w, k])
+        if used:
+            late |= _strike(b, w, batch, vehicle, work)
+    _fire(b, data, vehicle, work)
+    if move:
         _find_vertical(constants, clock)
         if late:
-            _fly_in_pieces(b, data, constants, pulsed, inertia, inverse, firings, columns, state, clock)
+            _fly_in_pieces(b, data, vehicle, work)
         else:
             for k in range(3):
                 for w in range(lanes):
                     clock[_KICK + k, w] = data[b, at.IMPULSE + 3 + k, w]
-            _move(b, data, constants, pulsed, inertia, inverse, state, clock)
+            _move(b, data, vehicle, state, clock)
         freeze_lost(b, data, state)
-        for w in range(lanes):
-            q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
-            state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
-        for k in range(_Q, _STATE):
-            for w in range(lanes):
-                data[b, k, w] = state[k, w]
-        expected_change(b, data, constants, thrusters, firings, _NOMINAL * n, sight)
-        look(b, data, constants, inertia, inverse, words, state, sight)
+        store_state(b, data, state, _Q)
+        expected_change(b, data, vehicle, firings, _NOMINAL * n, sight)
+        look(b, data, vehicle, work.words, state, sight)
         for k in range(3):
             for w in range(lanes):
                 data[b, at.EXPECTED_CHANGE + k, w], data[b, at.MEASURED_CHANGE + k, w] = 0.0, 0.0
 
 
 @njit(forceinline=True)
-def _ask(b, data, thrusters, constants, capacitors, pulsed, words, firings, state):
+def _ask(b, data, vehicle, work):
     """Which thrusters fire on command, and with which share of the nominal thrust if all is well."""
-    n, lanes = thrusters.shape[1], state.shape[1]
+    rows, capacitors, firings, state = vehicle.rows, vehicle.pulses.capacitors, work.firings, work.state
+    n, lanes, words = rows.thrusters, state.shape[1], work.words
     for i in range(n):
         fires = _FIRES * n + i
         for w in range(lanes):
-            firings[fires, w] = 1.0 if data[b, at.SCALARS + i, w] > 0.0 else 0.0
+            firings[fires, w] = 1.0 if data[b, rows.duties + i, w] > 0.0 else 0.0
         for j in range(n):
             if j != i and capacitors[j] == capacitors[i]:
                 for w in range(lanes):
-                    own, other = data[b, at.SCALARS + i, w], data[b, at.SCALARS + j, w]
+                    own, other = data[b, rows.duties + i, w], data[b, rows.duties + j, w]
                     yields = (other > own) | ((other == own) & (j < i))
                     firings[fires, w] = 0.0 if yields else firings[fires, w]
     for i in range(n):
-        scatter = thrusters[at.SCATTER, i]
+        scatter = vehicle.thrusters.scatter[i]
         for w in range(lanes):
             first, second = uniform_pair(words[6 + i // 2, w])
             strength = 1.0 + scatter * (2.0 * (first if i % 2 == 0 else second) - 1.0)
-            strength = strength if state[_M, w] > constants[at.DRY_MASS] else 0.0
+            strength = strength if state[at.MASS, w] > vehicle.constants.dry_mass else 0.0
             fires = firings[_FIRES * n + i, w]
             firings[_STRENGTH * n + i, w] = strength
             firings[_SHARE * n + i, w] = fires
             firings[_THRUST * n + i, w] = fires * strength
             firings[_DELAY * n + i, w] = 0.0
-            firings[_NOMINAL * n + i, w] = fires * pulsed[FIRING_TIME]
+            firings[_NOMINAL * n + i, w] = fires * vehicle.pulses.firing_time
 
 
 @njit
-def _strike(b, w, faults, vehicle, period, firings, columns, clock):
+def _strike(b, w, batch, vehicle, work):
     """Put the faults of a craft into its firings, columns and torque; True if one makes a pulse late."""
-    capacitors, start = vehicle.capacitors, clock[_START, w]
+    firings, columns, clock, period = work.firings, work.columns, work.clock, vehicle.constants.period
+    data, faults, rows = batch.data, batch.faults, vehicle.rows
+    capacitors, start = vehicle.pulses.capacitors, clock[_START, w]
     n = capacitors.shape[0]
-    health = np.empty((HEALTH_GROUPS, n))
-    pulse_health(faults[b, w], start, vehicle, health)
+    made = np.empty((HEALTH_GROUPS, n))
+    pulse_health(faults[b, w], start, vehicle.pulses, made)
     late = False
     for i in range(n):
         left = 1.0  # in the capacitor
+        asked = data[b, rows.duties + i, w] + made[ADDED, i]
+        fires = 1.0 if asked > 0.0 else 0.0
         for j in range(n):
             if j != i and capacitors[j] == capacitors[i]:
-                left *= 1.0 - health[FLOOR, j]
-        share = left * (health[FLOOR, i] + health[SLOPE, i] * firings[_FIRES * n + i, w])
-        share = share if health[DELAY, i] < period else 0.0
+                left *= 1.0 - made[FLOOR, j]
+                other = data[b, rows.duties + j, w] + made[ADDED, j]
+                if other > asked or (other == asked and j < i):
+                    fires = 0.0
+        share = left * (made[FLOOR, i] + made[SLOPE, i] * fires)
+        share = share if made[DELAY, i] < period else 0.0
         firings[_SHARE * n + i, w] = share
-        firings[_THRUST * n + i, w] = share * firings[_STRENGTH * n + i, w] * health[GAIN, i]
-        firings[_DELAY * n + i, w] = health[DELAY, i] if share > 0.0 else 0.0
-        late |= health[DELAY, i] > 0.0 and share > 0.0
+        firings[_THRUST * n + i, w] = share * firings[_STRENGTH * n + i, w] * made[GAIN, i]
+        firings[_DELAY * n + i, w] = made[DELAY, i] if share > 0.0 else 0.0
+        late |= made[DELAY, i] > 0.0 and share > 0.0
     for k in range(faults.shape[2]):
-        fault = faults[b, w, k]
-        if firing.is_active(fault, start):
-            _tilt(fault, start, w, columns)
-            _bias(fault, vehicle.pulsed, w, columns, clock)
+        if health.is_active(faults[b, w, k], start):
+            health.tilt_columns(faults[b, w, k], start, columns, w)
+            _bias(faults[b, w, k], vehicle.pulses, w, columns, clock)
     return late
 
 
 @njit
-def _tilt(fault, start, w, columns):
-    """Turn the thrust of a misaligned thruster."""
-    if fault[code.FIELD_KIND] == code.MISALIGNMENT:
-        row, tilt = 6 * int(fault[code.FIELD_THRUSTER]), firing.severity(fault, start)
-        for c in range(6):
-            columns[row + c, w] = (
-                math.cos(tilt) * columns[row + c, w] + math.sin(tilt) * fault[at.FAULT_TILTED + c]
-            )
-
-
-@njit
-def _bias(fault, pulsed, w, columns, clock):
+def _bias(fault, pulses, w, columns, clock):
     """Add the torque that comes with a fault of the discharge, along the torque of the thruster."""
-    kind, row = fault[code.FIELD_KIND], 6 * int(fault[code.FIELD_THRUSTER]) + 3
-    size = 0.0
-    if kind == code.PROPELLANT_LOSS or kind == code.CONDUCTIVITY_LOSS:
-        size = pulsed[BIAS_OF_LOSS]
-    elif kind == code.ELECTRODE_SEDIMENT:
-        size = pulsed[BIAS_OF_GAIN]
+    change, row = health.changes_discharge(fault), 6 * health.thruster_of(fault) + 3
+    size = 0.0 if change == 0 else (pulses.bias_of_gain if change > 0 else pulses.bias_of_loss)
     arm = math.sqrt(columns[row, w] ** 2 + columns[row + 1, w] ** 2 + columns[row + 2, w] ** 2)
     if size != 0.0 and arm > 0.0:
         for c in range(3):
@@ -282,22 +219,24 @@ def _bias(fault, pulsed, w, columns, clock):
 
 
 @njit(forceinline=True)
-def _fire(b, data, thrusters, pulsed, firings, columns, state):
+def _fire(b, data, vehicle, work):
     """What the firings give: delivered times, impulse, open time, mass used."""
-    n, lanes, time = thrusters.shape[1], state.shape[1], pulsed[FIRING_TIME]
+    thrusters, rows, time = vehicle.thrusters, vehicle.rows, vehicle.pulses.firing_time
+    firings, columns, state = work.firings, work.columns, work.state
+    n, lanes = rows.thrusters, state.shape[1]
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = 0.0
     for i in range(n):
-        flow = time * thrusters[at.THRUST, i] * thrusters[at.FLOW_PER_THRUST, i]
+        flow = time * thrusters.thrust[i] * thrusters.flow_per_thrust[i]
         for w in range(lanes):
             share = firings[_SHARE * n + i, w]
-            data[b, at.SCALARS + n + i, w] = time * firings[_THRUST * n + i, w]
+            data[b, rows.delivered + i, w] = time * firings[_THRUST * n + i, w]
             data[b, at.OPEN_TIME, w] += time * share
-            state[_M, w] -= flow * share * firings[_STRENGTH * n + i, w]
+            state[at.MASS, w] -= flow * share * firings[_STRENGTH * n + i, w]
         for k in range(6):
             for w in range(lanes):
-                data[b, at.IMPULSE + k, w] += data[b, at.SCALARS + n + i, w] * columns[6 * i + k, w]
+                data[b, at.IMPULSE + k, w] += data[b, rows.delivered + i, w] * columns[6 * i + k, w]
     for w in range(lanes):
         data[b, at.STEP, w] += 1.0
 
@@ -306,22 +245,23 @@ def _fire(b, data, thrusters, pulsed, firings, columns, state):
 def _find_vertical(constants, clock):
     """Where the vertical stands at the start of the period."""
     for w in range(clock.shape[1]):
-        angle = constants[at.MEAN_MOTION] * clock[_START, w]
+        angle = constants.mean_motion * clock[_START, w]
         clock[_COSINE, w], clock[_SINE, w] = math.cos(angle), math.sin(angle)
 
 
 @njit(forceinline=True)
-def _fly_in_pieces(b, data, constants, pulsed, inertia, inverse, firings, columns, state, clock):
+def _fly_in_pieces(b, data, vehicle, work):
     """Fly the period from late pulse to late pulse.
 
     A craft with fewer of them than a neighbour waits: its last pieces have no length and change nothing.
     """
-    lanes, period, n = state.shape[1], constants[at.PERIOD], columns.shape[0] // 6
+    state, clock, period = work.state, work.clock, vehicle.constants.period
+    lanes = state.shape[1]
     flying = True
     while flying:
         for w in range(lanes):
-            _next_pulse(w, period, pulsed[FIRING_TIME], firings, columns, clock, n)
-        _move(b, data, constants, pulsed, inertia, inverse, state, clock)
+            _next_pulse(w, vehicle, work)
+        _move(b, data, vehicle, state, clock)
         flying = False
         for w in range(lanes):
             clock[_BEFORE, w] = clock[_UNTIL, w]
@@ -329,8 +269,10 @@ def _fly_in_pieces(b, data, constants, pulsed, inertia, inverse, firings, column
 
 
 @njit
-def _next_pulse(w, period, time, firings, columns, clock, n):
+def _next_pulse(w, vehicle, work):
     """Impulse of the pulses that are due, and how long it is to the next one."""
+    firings, columns, clock, n = work.firings, work.columns, work.clock, vehicle.rows.thrusters
+    period, time = vehicle.constants.period, vehicle.pulses.firing_time
     before = clock[_BEFORE, w]
     until = period
     clock[_KICK, w], clock[_KICK + 1, w], clock[_KICK + 2, w] = 0.0, 0.0, 0.0
@@ -346,26 +288,21 @@ def _next_pulse(w, period, time, firings, columns, clock, n):
 
 
 @njit(forceinline=True)
-def _move(b, data, constants, pulsed, inertia, inverse, state, clock):
+def _move(b, data, vehicle, state, clock):
     """Give every craft the impulse that is due and let it move for the length of the piece."""
-    lanes, mean_motion, fewest = state.shape[1], constants[at.MEAN_MOTION], pulsed[SUBSTEPS]
+    constants, body, gradient = vehicle.constants, vehicle.body, vehicle.pulses.gradient
+    lanes, mean_motion, fewest = state.shape[1], constants.mean_motion, vehicle.pulses.substeps
     most = 0
     for w in range(lanes):
         kick = angular_acceleration(
-            (0.0, 0.0, 0.0), (clock[_KICK, w], clock[_KICK + 1, w], clock[_KICK + 2, w]), inertia, inverse
-        )
+            (0.0, 0.0, 0.0), (clock[_KICK, w], clock[_KICK + 1, w], clock[_KICK + 2, w]), body.inertia,
+            body.inverse,
+        )  # fmt: skip
         state[_W, w], state[_W + 1, w] = state[_W, w] + kick[0], state[_W + 1, w] + kick[1]
         state[_W + 2, w] = state[_W + 2, w] + kick[2]
-        clock[_COUNT, w] = fewest
-        if data[b, at.LOST, w] == 0.0:
-            rate = fastest_rate((state[_W, w], state[_W + 1, w], state[_W + 2, w]), constants[at.GYROSCOPY])
-            spin_up = constants[at.SPIN_UP]
-            wanted = clock[_LENGTH, w] * substep_rate(rate + spin_up * clock[_LENGTH, w], spin_up, constants)
-            if wanted > fewest:
-                clock[_COUNT, w] = math.ceil(min(wanted, MOST_SUBSTEPS))
-            if not wanted <= MOST_SUBSTEPS:
-                clock[_COUNT, w], data[b, at.LOST, w] = fewest, 1.0
-        most = int(clock[_COUNT, w]) if clock[_COUNT, w] > most else most
+        count = equal_substeps(b, w, data, state, clock[_LENGTH, w], fewest, constants)
+        clock[_COUNT, w] = count
+        most = int(count) if count > most else most
     for step in range(most):
         for w in range(lanes):
             h = clock[_LENGTH, w] / clock[_COUNT, w] if step < clock[_COUNT, w] else 0.0
@@ -378,19 +315,20 @@ def _move(b, data, constants, pulsed, inertia, inverse, state, clock):
                 (_ahead(vertical, mean_motion * offset), _ahead(vertical, mean_motion * (offset + 0.5 * h)),
                  _ahead(vertical, mean_motion * (offset + h))),
                 (clock[_TORQUE, w], clock[_TORQUE + 1, w], clock[_TORQUE + 2, w]),
-                pulsed[GRADIENT], inertia, inverse,
+                gradient, body,
             )  # fmt: skip
             state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
             state[_W, w], state[_W + 1, w], state[_W + 2, w] = rate[0], rate[1], rate[2]
 
 
 @njit(forceinline=True)
-def _turned(q, rate, h, verticals, torque, strength, inertia, inverse):
+def _turned(q, rate, h, verticals, torque, strength, body):
     """Attitude and rate after ``h`` seconds of free motion.
 
     ``verticals`` is where the vertical stands at the start, middle and end, in the reference frame. The
     gravity gradient there is that of an attitude to second order.
     """
+    inertia, inverse = body.inertia, body.inverse
     torque_0 = _torque(q, verticals[0], torque, strength, inertia)
     a = angular_acceleration(rate, torque_0, inertia, inverse)
     q_m = _roughly_turned(q, rate, a, 0.5 * h)
@@ -433,31 +371,28 @@ def _ahead(vertical, angle):
 
 
 @njit
-def pulse_health(faults, t, vehicle, health):
+def pulse_health(faults, t, pulses, made):
     """What the faults of a craft make of firings at ``t``, s of the episode.
 
-    ``faults`` (slots, FAULT_WIDTH); ``health`` (HEALTH_GROUPS, n) is filled. Stuck on comes first, then
-    leaking, then blocked or lossy.
+    ``faults`` (slots, FAULT_WIDTH); ``made`` (HEALTH_GROUPS, n) is filled.
     """
-    health[FLOOR], health[SLOPE], health[GAIN], health[DELAY] = 0.0, 1.0, 1.0, 0.0
-    n = health.shape[1]
-    discharges = False
-    for rank in range(3):
-        for k in range(faults.shape[0]):
-            kind = int(faults[k, code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank == rank and firing.is_active(faults[k], t):
-                s = firing.severity(faults[k], t)
-                discharges |= kind >= code.PROPELLANT_LOSS
-                for i in range(n):
-                    if strikes(faults[k], i, vehicle.capacitors):
-                        health[FLOOR, i], health[SLOPE, i], health[GAIN, i] = firing.apply_fault(
-                            kind, s, health[FLOOR, i], health[SLOPE, i], health[GAIN, i]
-                        )
-                        health[DELAY, i] += s if kind == code.LATE_OPENING else 0.0
-    if discharges:
-        for i in range(n):
-            mass, width, resistance = pulse_shares(faults, i, vehicle.capacitors, t)
-            health[GAIN, i] *= pulse_ratio(
-                mass, width, resistance, 1.0, vehicle.logarithms, vehicle.resistance
-            )
+    capacitors = pulses.capacitors
+    for i in range(made.shape[1]):
+        floor, slope, gain = health.health_at(faults, i, t, t, capacitors)
+        mass, width, resistance = health.pulse_shares(faults, i, capacitors, t)
+        if mass != 1.0 or width != 1.0 or resistance != 0.0:
+            gain *= pulse_ratio(mass, width, resistance, 1.0, pulses.logarithms, pulses.resistance)
+        made[FLOOR, i], made[SLOPE, i], made[GAIN, i] = floor, slope, gain
+        made[DELAY, i], _, made[ADDED, i] = health.command_errors(faults, i, t, capacitors)
+
+
+@njit
+def impulses_of(made, i):
+    """What asking thruster ``i`` adds and what it gives unasked, over the nominal impulse of a pulse.
+
+    ``made`` is that of :func:`pulse_health`; the others on its capacitor are not asked.
+    """
+    floor, slope, gain = made[FLOOR, i], made[SLOPE, i], made[GAIN, i]
+    if made[ADDED, i] > 0.0:
+        floor, slope = floor + slope, 0.0
+    return gain * slope, gain * floor

@@ -4,15 +4,62 @@ Models white noise of a stated size on each axis, normal or uniform, independent
 the next (Yang 2003, section 6.4: carrier-phase differential GPS). The *measured rate change* of a period is
 the difference of two consecutive velocity measurements less what free motion would have done in between
 (orbital drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would
-have given for the same command, feed coupling included. Both are beliefs: neither sees a fault. Leaves out
-biases, time correlation and drop-outs.
+have given for the same command, feed coupling included. Both are beliefs: neither sees a fault.
+
+Faults of sensors (:func:`apply_sensor_faults`) act on what is measured, and by it on everything that follows;
+what truly is stays as it is. What they add is added to the measurement without faults, noise included: all of
+it together, so that their order makes no difference. What is held, by a freeze or a drop-out, is the last
+measurement that was given. The attitude is turned about body axes, by the sum of what is added on each; its
+measured value on an axis is the component of the rotation vector from LVLH, of at most pi. At the start of an
+episode there is nothing to hold yet. Leaves out time correlation.
 """
 
+import math
+
+import numpy as np
 from numba import njit
 
-from thruster_envs.physics import layout as at
-from thruster_envs.physics.attitude import angular_acceleration, exponential, quaternion_product, rotate
-from thruster_envs.random import normal_pair, uniform_pair
+from thruster_envs.faults import encoding as code
+from thruster_envs.kernels import kernel
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.attitude import (
+    angular_acceleration,
+    conjugate,
+    exponential,
+    normalised,
+    quaternion_product,
+    rotate,
+)
+from thruster_envs.physics.vehicle import open_batch, open_vehicle
+from thruster_envs.random import MEASUREMENT, STEP, normal_pair, philox, uniform_pair
+
+
+@njit(forceinline=True)
+def word_rows(n):
+    """Rows of the random words of a period of a craft with ``n`` thrusters."""
+    return 4 * ((n + 1) // 8 + 3)
+
+
+@njit(forceinline=True)
+def draw_words(b, batch, words, n):
+    """Random words of the period, 6 + n / 2 of them.
+
+    They give twelve normal numbers for the sensors, then one uniform number for each thruster.
+    """
+    data, streams = batch.data, batch.streams
+    for block in range((6 + (n + 1) // 2 + 3) // 4):
+        for w in range(words.shape[1]):
+            words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
+                philox(
+                    np.uint64(block),
+                    np.uint64(np.int64(data[b, at.STEP, w])),
+                    streams[b, at.EPISODE, w],
+                    streams[b, at.CRAFT, w] | np.uint64(STEP << 32),
+                    streams[b, at.KEY_LOW, w],
+                    streams[b, at.KEY_HIGH, w],
+                )
+            )
 
 
 @njit(forceinline=True)
@@ -28,8 +75,8 @@ def measure(truth, noise, constants):
 
     They are position, velocity, attitude and rate.
     """
-    a, b = constants[at.SIGMA_POSITION], constants[at.SIGMA_VELOCITY]
-    c, d = 0.5 * constants[at.SIGMA_ATTITUDE], constants[at.SIGMA_RATE]
+    a, b = constants.sigma_position, constants.sigma_velocity
+    c, d = 0.5 * constants.sigma_attitude, constants.sigma_rate
     q = quaternion_product(
         exponential(c * noise[6], c * noise[7], c * noise[8]), (truth[6], truth[7], truth[8], truth[9])
     )
@@ -51,17 +98,17 @@ def measure(truth, noise, constants):
 
 
 @njit(forceinline=True)
-def measured_change(before, after, constants, inertia, inverse):
+def measured_change(before, after, constants, body):
     """Rate change of a period in body axes, m/s and rad/s, from two measurements, free motion removed."""
-    period, k = constants[at.PERIOD], at.VELOCITY_DRIFT
+    period, k = constants.period, constants.velocity_drift
     x, y, z, u, v, w = before[0], before[1], before[2], before[3], before[4], before[5]
     drift = (
-        constants[k] * x + constants[k + 1] * y + constants[k + 2] * z
-        + constants[k + 3] * u + constants[k + 4] * v + constants[k + 5] * w,
-        constants[k + 6] * x + constants[k + 7] * y + constants[k + 8] * z
-        + constants[k + 9] * u + constants[k + 10] * v + constants[k + 11] * w,
-        constants[k + 12] * x + constants[k + 13] * y + constants[k + 14] * z
-        + constants[k + 15] * u + constants[k + 16] * v + constants[k + 17] * w,
+        k[0] * x + k[1] * y + k[2] * z
+        + k[3] * u + k[4] * v + k[5] * w,
+        k[6] * x + k[7] * y + k[8] * z
+        + k[9] * u + k[10] * v + k[11] * w,
+        k[12] * x + k[13] * y + k[14] * z
+        + k[15] * u + k[16] * v + k[17] * w,
     )  # fmt: skip
     q = (before[6], before[7], before[8], before[9])
     translation = rotate(q, (after[3] - drift[0], after[4] - drift[1], after[5] - drift[2]))
@@ -70,7 +117,7 @@ def measured_change(before, after, constants, inertia, inverse):
         0.5 * (before[11] + after[11]),
         0.5 * (before[12] + after[12]),
     )
-    free = angular_acceleration(mean, (0.0, 0.0, 0.0), inertia, inverse)
+    free = angular_acceleration(mean, (0.0, 0.0, 0.0), body.inertia, body.inverse)
     return (
         translation[0],
         translation[1],
@@ -98,14 +145,15 @@ _NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
 
 
 @njit(forceinline=True)
-def look(b, data, constants, inertia, inverse, words, state, sight):
+def look(b, data, vehicle, words, state, sight):
     """Measure every craft of a block after a period, and form the measured rate change.
 
     The noise comes from the first six random words of each lane. ``state`` (14, lanes) is the true state,
     ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
-    lanes = sight.shape[1]
-    if constants[at.UNIFORM_ERRORS] > 0.0:
+    lanes, constants = sight.shape[1], vehicle.constants
+    body = vehicle.body
+    if constants.uniform_errors > 0.0:
         for k in range(6):
             for w in range(lanes):
                 sight[2 * k, w], sight[2 * k + 1, w] = uniform_errors(words[k, w])
@@ -144,7 +192,7 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
             sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w], sight[30, w], sight[31, w],
             sight[32, w], sight[33, w], sight[34, w], sight[35, w], sight[36, w], sight[37, w],
         )  # fmt: skip
-        change = measured_change(old, new, constants, inertia, inverse)
+        change = measured_change(old, new, constants, body)
         sight[38, w], sight[39, w], sight[40, w] = change[0], change[1], change[2]
         sight[41, w], sight[42, w], sight[43, w] = change[3], change[4], change[5]
     for k in range(13):
@@ -156,14 +204,14 @@ def look(b, data, constants, inertia, inverse, words, state, sight):
 
 
 @njit(forceinline=True)
-def expected_change(b, data, constants, thrusters, durations, first_row, sight):
+def expected_change(b, data, vehicle, durations, first_row, sight):
     """Rate change that the nominal vehicle gives for the commanded pulses, feed coupling included.
 
     All pulses start together. A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one;
     ``durations`` holds ``u`` from ``first_row`` on, ``sight`` is scratch.
     """
-    n, lanes = thrusters.shape[1], durations.shape[1]
-    coupling = constants[at.COUPLING]
+    n, lanes, believed = vehicle.rows.thrusters, durations.shape[1], vehicle.thrusters.believed
+    coupling = vehicle.constants.coupling
     for k in range(6):
         for w in range(lanes):
             sight[k, w] = 0.0
@@ -178,9 +226,172 @@ def expected_change(b, data, constants, thrusters, durations, first_row, sight):
             effective = durations[first_row + i, w] - coupling * sight[6, w]
             sight[6, w] = effective if effective > 0.0 else 0.0
         for k in range(6):
-            column = thrusters[at.BELIEVED + k, i]
+            column = believed[k, i]
             for w in range(lanes):
                 sight[k, w] += column * sight[6, w]
     for k in range(6):
         for w in range(lanes):
             data[b, at.EXPECTED_CHANGE + k, w] = sight[k, w]
+
+
+#: First row of each sensor's measurement, by its code; the attitude has four, the others three.
+_ROWS = (-1, at.MEASURED, at.MEASURED + 3, at.MEASURED + 6, at.MEASURED + 10)
+_SENSORS = len(_ROWS)
+
+
+@kernel(nogil=True)
+def apply_sensor_faults(arrays, faults, parts, before, translates, first, last):
+    """Let the faults of sensors act on the measurements of the blocks ``first`` to ``last`` (exclusive).
+
+    Args:
+        arrays: Of the batch, with the measurements at the end of a period, and the rate change that follows
+            from them.
+        faults: (blocks, lanes, slots, FAULT_FIELDS), those of sensors alone.
+        parts: Of the vehicle.
+        before: (last - first, 13, lanes), the measurements at the start of the period, as they were given.
+        translates: Whether velocities are measured; without, the rate change of translation stays zero.
+        first: Block, and
+        last: one past the last of them.
+    """
+    batch, vehicle = open_batch(arrays), open_vehicle(parts)
+    data, constants = batch.data, vehicle.constants
+    error, held = np.zeros((_SENSORS, 3)), np.zeros((_SENSORS, 3), np.bool_)
+    for b in range(first, last):
+        for w in range(data.shape[2]):
+            if not _measure_faultily(b, w, batch, faults, constants.period, before[b - first], error, held):
+                continue
+            old, m = before[b - first], at.MEASURED
+            change = measured_change(
+                (old[0, w], old[1, w], old[2, w], old[3, w], old[4, w], old[5, w], old[6, w], old[7, w],
+                 old[8, w], old[9, w], old[10, w], old[11, w], old[12, w]),
+                (data[b, m, w], data[b, m + 1, w], data[b, m + 2, w], data[b, m + 3, w], data[b, m + 4, w],
+                 data[b, m + 5, w], data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w],
+                 data[b, m + 9, w], data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]),
+                constants, vehicle.body,
+            )  # fmt: skip
+            for k in range(0 if translates else 3, 6):
+                data[b, at.MEASURED_CHANGE + k, w] = change[k]
+
+
+@kernel
+def apply_first_sensor_faults(arrays, faults, parts, which, craft):
+    """The same for what the craft of some worlds measure at the start of an episode."""
+    batch, period = open_batch(arrays), open_vehicle(parts).constants.period
+    data, lanes = batch.data, batch.data.shape[2]
+    error, held = np.zeros((_SENSORS, 3)), np.zeros((_SENSORS, 3), np.bool_)
+    for world in which:
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            before = data[b, at.MEASURED : at.MEASURED + 13].copy()
+            _measure_faultily(b, w, batch, faults, period, before, error, held)
+
+
+@kernel
+def find_stale(arrays, faults, parts, stale):
+    """Whether a drop-out left each sensor without its last measurement, (worlds, craft, sensors), written."""
+    batch, period = open_batch(arrays), open_vehicle(parts).constants.period
+    data, streams = batch.data, batch.streams
+    lanes, craft = data.shape[2], stale.shape[1]
+    for world in range(stale.shape[0]):
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            t = data[b, at.STEP, w] * period
+            for k in range(faults.shape[2]):
+                fault = faults[b, w, k]
+                acts = data[b, at.STEP, w] > 0.0 and health.is_active(fault, t)
+                if acts and health.is_missing(fault, t, _chance(b, w, k, data, streams)):
+                    stale[world, c, int(fault[code.FIELD_SENSOR]) - 1] = True
+
+
+@njit
+def _chance(b, w, slot, data, streams):
+    """A random number from 0 to 1 of one fault and one measurement."""
+    words = philox(
+        np.uint64(slot), np.uint64(np.int64(data[b, at.STEP, w])), streams[b, at.EPISODE, w],
+        streams[b, at.CRAFT, w] | np.uint64(MEASUREMENT << 32),
+        streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+    )  # fmt: skip
+    return uniform_pair(words[0])[0]
+
+
+@njit
+def _measure_faultily(b, w, batch, faults, period, before, error, held):
+    """Put the faults of one craft into its measurement; whether it has any.
+
+    ``before`` (13, lanes) is its last measurement; ``error`` (sensors from 1, axes) and ``held`` (the
+    same) are scratch.
+    """
+    data, streams = batch.data, batch.streams
+    t, faulty = data[b, at.STEP, w] * period, False
+    for k in range(faults.shape[2]):
+        fault = faults[b, w, k]
+        if not health.is_there(fault):
+            continue
+        if not faulty:
+            error[:], held[:], faulty = 0.0, False, True
+        if health.is_active(fault, t):
+            chance, sensor = _chance(b, w, k, data, streams), int(fault[code.FIELD_SENSOR])
+            axis = int(fault[code.FIELD_AXIS])
+            keeps = data[b, at.STEP, w] > 0.0 and health.holds(fault, t, chance)
+            for c in range(3):
+                if axis == 0 or axis == c + 1:
+                    value = _measured(b, w, data, sensor, c)
+                    error[sensor, c] += health.measurement_error(fault, t, value, chance)
+                    held[sensor, c] |= keeps
+    if faulty:
+        for sensor in range(1, _SENSORS):
+            if sensor == code.ATTITUDE:
+                _turn_measurement(b, w, data, before, error[sensor], held[sensor])
+                continue
+            for c in range(3):
+                place = _ROWS[sensor] + c
+                data[b, place, w] += error[sensor, c]
+                if held[sensor, c]:
+                    data[b, place, w] = before[place - at.MEASURED, w]
+    return faulty
+
+
+@njit
+def _measured(b, w, data, sensor, c):
+    """One number that a sensor measures, in its unit."""
+    m = _ROWS[sensor]
+    if sensor == code.ATTITUDE:
+        return rotation_vector((data[b, m, w], data[b, m + 1, w], data[b, m + 2, w], data[b, m + 3, w]))[c]
+    return data[b, m + c, w]
+
+
+@njit
+def _turn_measurement(b, w, data, before, error, held):
+    """Put errors (3,), rad, and axes that are held (3,) into the measured attitude of one craft."""
+    m = _ROWS[code.ATTITUDE]
+    old = m - at.MEASURED
+    q = (data[b, m, w], data[b, m + 1, w], data[b, m + 2, w], data[b, m + 3, w])
+    last = (before[old, w], before[old + 1, w], before[old + 2, w], before[old + 3, w])
+    if error[0] != 0.0 or error[1] != 0.0 or error[2] != 0.0:
+        q = normalised(turned_by((error[0], error[1], error[2]), q))
+    if held[0] and held[1] and held[2]:
+        q = last
+    elif held[0] or held[1] or held[2]:
+        back = rotation_vector(quaternion_product(last, conjugate(q)))
+        x, y, z = back[0] if held[0] else 0.0, back[1] if held[1] else 0.0, back[2] if held[2] else 0.0
+        q = normalised(turned_by((x, y, z), q))
+    for k in range(4):
+        data[b, m + k, w] = q[k]
+
+
+@njit
+def rotation_vector(q):
+    """How a body is turned from its reference, rad, body axes, by at most pi: of a unit quaternion."""
+    sign = -1.0 if q[0] >= 0.0 else 1.0
+    size = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    factor = sign * (2.0 * math.atan2(size, abs(q[0])) / size if size > 1e-300 else 2.0)
+    return (factor * q[1], factor * q[2], factor * q[3])
+
+
+@njit
+def turned_by(vector, q):
+    """The attitude ``q`` turned further by a rotation vector, rad, body axes."""
+    size = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    factor = -math.sin(0.5 * size) / size if size > 1e-300 else -0.5
+    turn = (math.cos(0.5 * size), factor * vector[0], factor * vector[1], factor * vector[2])
+    return quaternion_product(turn, q)

@@ -17,12 +17,14 @@ from thruster_envs.spacecraft.description import (
     objective_weights,
 )
 from thruster_envs.spacecraft.files import catalogue, load, save
+from thruster_envs.spacecraft.orbit import Orbit
 
 __all__ = [
     "SLACK_FACTOR",
     "Discharge",
     "Feed",
     "Modulator",
+    "Orbit",
     "Sensors",
     "Spacecraft",
     "Thruster",

@@ -28,18 +28,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import coerce_fields, from_mapping, require, shown, to_mapping
+from thruster_envs.spacecraft.orbit import EARTH_MU as EARTH_MU  # it stood here once
+from thruster_envs.spacecraft.orbit import FASTEST_ORBIT, Orbit
 
 Vector = tuple[float, float, float]
-
-EARTH_MU = 3.986004418e14
-"""Gravitational parameter of the Earth, m^3/s^2 (IERS 2010)."""
 
 LARGEST = 1e15
 """No value of a description is larger, but for those that may be infinite and the gravitational parameter;
 none that has to be positive is smaller than one over this. So what is computed from them stays finite."""
-
-FASTEST_ORBIT = 1.0
-"""Largest mean motion, rad/s: a thousand times that of the lowest orbit about any planet."""
 
 LONGEST_LAG = 1e4
 """Largest time constant, s; with a longer lag rounding would be as large as the thrust."""
@@ -308,6 +304,9 @@ class Sensors:
             _check_size(f"sensors: {name}", value, unit)
 
 
+_MEAN_MOTION = 0.0011  # rad/s, of a low orbit of the Earth
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spacecraft:
     """A spacecraft as the flight software, or the truth, has it.
@@ -323,8 +322,10 @@ class Spacecraft:
         feed: The propellant feed that they share.
         sensors: Errors of the relative navigation.
         control_period: Time between two commands, s.
-        mean_motion: Of the circular orbit about which it flies, rad/s.
+        mean_motion: Of the orbit about which it flies, rad/s. Without an `orbit` that is a circular one.
         gravitational_parameter: Of the planet below, m^3/s^2; the Earth's unless given.
+        orbit: The orbit by its elements, where it is not just a circular one of that mean motion. It then
+            gives `mean_motion` and `gravitational_parameter` too.
         modulator: The electronics that put off its pulses; None where valves follow the command by
             themselves.
         isolation_valves: Whether there is a second valve before each thruster that can be closed to stop its
@@ -347,8 +348,9 @@ class Spacecraft:
     feed: Feed = field(default_factory=Feed)
     sensors: Sensors = field(default_factory=Sensors)
     control_period: float = 5.0
-    mean_motion: float = 0.0011
+    mean_motion: float = _MEAN_MOTION
     gravitational_parameter: float = EARTH_MU
+    orbit: Orbit | None = None
     modulator: Modulator | None = None
     isolation_valves: bool = False
     spare_branch: bool = False
@@ -383,10 +385,24 @@ class Spacecraft:
                 "would be right"
             )
         _check_positive("control_period", self.control_period, "s")
+        self._follow_orbit()
         _check_positive("mean_motion", self.mean_motion, "rad/s", largest=FASTEST_ORBIT)
         _check_positive("gravitational_parameter", self.gravitational_parameter, "m^3/s^2", largest=1e25)
         self._check_modulator()
         self._check_discharge()
+
+    def _follow_orbit(self) -> None:
+        """Take what the orbit gives from it, and refuse other values beside it."""
+        for name, default in (("mean_motion", _MEAN_MOTION), ("gravitational_parameter", EARTH_MU)):
+            if self.orbit is None:
+                return
+            value, its = getattr(self, name), getattr(self.orbit, name)
+            if value not in (default, its):
+                raise ValueError(
+                    f"{name} must be left out beside an orbit, or be that of the orbit, {its!r}, "
+                    f"got {value!r}"
+                )
+            object.__setattr__(self, name, its)
 
     def _check_modulator(self) -> None:
         if self.modulator is None:
@@ -454,6 +470,29 @@ class Spacecraft:
             )
 
     @property
+    def reference_orbit(self) -> Orbit:
+        """The orbit about which it flies: `orbit`, or else the circular one of `mean_motion`."""
+        if self.orbit is not None:
+            return self.orbit
+        return Orbit(mean_motion=self.mean_motion, gravitational_parameter=self.gravitational_parameter)
+
+    def circular_mean_motion(self, who: str) -> float:
+        """The mean motion for someone who has no other use for the orbit, rad/s.
+
+        Args:
+            who: What needs a circular orbit, for the error line.
+
+        Raises:
+            ValueError: The orbit is elliptic.
+        """
+        if self.orbit is not None and not self.orbit.is_circular:
+            raise ValueError(
+                f"{who} needs a circular orbit: the eccentricity of {shown(self.name)} must be 0, "
+                f"got {self.orbit.eccentricity!r}"
+            )
+        return self.mean_motion
+
+    @property
     def number_of_thrusters(self) -> int:
         """How many thrusters there are."""
         return len(self.thrusters)
@@ -507,10 +546,14 @@ class Spacecraft:
     def replace(self, **changes: Any) -> Spacecraft:
         """The same spacecraft with some fields changed.
 
+        Another `orbit` brings its own mean motion and gravitational parameter; None goes back to the default.
+
         Raises:
             ValueError: An unknown field, or a value that no spacecraft can have.
         """
         current = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        if "orbit" in changes:  # it brings its own
+            del current["mean_motion"], current["gravitational_parameter"]
         return from_mapping(Spacecraft, current | changes)
 
     def to_dict(self) -> dict[str, Any]:
@@ -528,7 +571,34 @@ class Spacecraft:
         Raises:
             ValueError: One line that says what is wrong, where, and what would be right.
         """
-        return from_mapping(cls, mapping, where)
+        return from_mapping(cls, _with_orbit(mapping, where), where)
+
+
+def _with_orbit(mapping: Any, where: str) -> Any:
+    """The mapping of a spacecraft, with an orbit that has what stands beside it and not in it.
+
+    Raises:
+        ValueError: Both give it, and differently.
+    """
+    orbit = mapping.get("orbit") if isinstance(mapping, Mapping) else None
+    if not isinstance(orbit, Mapping):
+        return mapping
+    merged = dict(orbit)
+    size = "mean_motion" in orbit or "semi_major_axis" in orbit
+    for name, given in (
+        ("mean_motion", size),
+        ("gravitational_parameter", "gravitational_parameter" in orbit),
+    ):
+        if name in mapping and not given:
+            merged[name] = mapping[name]
+    built = from_mapping(Orbit, merged, f"{where}: orbit" if where else "orbit")
+    for name in ("mean_motion", "gravitational_parameter"):
+        if name in mapping and mapping[name] != getattr(built, name):
+            raise ValueError(
+                f"{where}: {name} must be that of the orbit, {getattr(built, name)!r}, or left out, "
+                f"got {shown(mapping[name])}"
+            )
+    return {**mapping, "orbit": built}
 
 
 def objective_weights(

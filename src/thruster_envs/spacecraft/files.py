@@ -1,9 +1,9 @@
 """Spacecraft as TOML files: the catalogue that comes with the package, and a user's own.
 
-A file has the fields of `Spacecraft` as its keys, `[feed]`, `[sensors]`, `[modulator]` and `[discharge]`
-(where there is one) and `[provenance]` as tables, and one `[[thrusters]]` table for each thruster. What all
-thrusters share may stand once, in `[thruster_defaults]`; a thruster's own value goes before it. A file that
-is saved and loaded again gives an equal spacecraft, to the last bit.
+A file has the fields of `Spacecraft` as its keys, `[feed]`, `[sensors]`, `[orbit]`, `[modulator]` and
+`[discharge]` (where there is one) and `[provenance]` as tables, and one `[[thrusters]]` table for each
+thruster. What all thrusters share may stand once, in `[thruster_defaults]`; a thruster's own value goes
+before it. A file that is saved and loaded again gives an equal spacecraft, to the last bit.
 
 Left out: comments are not kept when a file is loaded and saved; other formats.
 """
@@ -25,7 +25,7 @@ from thruster_envs.configuration import shown, suggestion
 from thruster_envs.spacecraft.description import Spacecraft
 from thruster_envs.text_files import printable, read_text
 
-_TABLES = ("feed", "sensors", "modulator", "discharge", "provenance")
+_TABLES = ("orbit", "feed", "sensors", "modulator", "discharge", "provenance")
 
 _KEY_END = re.compile(r"[\n=,{#]")
 _DEEPEST_KEY = 100  # dots in a dotted key

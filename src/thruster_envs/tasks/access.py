@@ -5,10 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import firing
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import exponential, rotate
 from thruster_envs.random import RESET, philox, uniform_pair
 
@@ -67,7 +66,7 @@ def command_duties(data, duties, number_of_craft):
         for craft in range(duties.shape[1]):
             b, w = place(world, craft, number_of_craft, lanes)
             for i in range(duties.shape[2]):
-                data[b, at.SCALARS + i, w] = duties[world, craft, i]
+                data[b, at.DUTIES + i, w] = duties[world, craft, i]
 
 
 @njit(forceinline=True)
@@ -76,77 +75,39 @@ def bounded(x, bound):
     return min(max(x, -bound), bound)
 
 
-@njit
-def true_health(faults, b, w, start, period, delivered, closed):
-    """What faults make of a craft's thrusters: share of the on-time delivered, and opening when closed.
-
-    Both over the period that begins at ``start``, as the faults stand in its middle.
-    """
-    delivered[:] = 1.0
-    closed[:] = 0.0
-    middle = start + 0.5 * period
-    for rank in range(3):
-        for k in range(faults.shape[2]):
-            fault = faults[b, w, k]
-            kind = int(fault[code.FIELD_KIND])
-            its_rank = 0 if kind == code.STUCK_ON else (1 if kind == code.LEAK else 2)
-            if its_rank != rank or not firing.is_active(fault, middle):
-                continue
-            i = int(fault[code.FIELD_THRUSTER])
-            s = firing.severity(fault, middle)
-            if kind == code.STUCK_ON:
-                delivered[i], closed[i] = 0.0, s
-            elif kind == code.LEAK:
-                delivered[i], closed[i] = delivered[i] * (1.0 - s), closed[i] + s * (1.0 - closed[i])
-            elif kind == code.STUCK_OFF or kind == code.INTERMITTENT or kind == code.LOSS:
-                delivered[i], closed[i] = delivered[i] * (1.0 - s), closed[i] * (1.0 - s)
-            elif kind == code.MISALIGNMENT:
-                delivered[i] *= math.cos(s)
-            elif kind == code.LATE_OPENING:
-                delivered[i] *= max(0.0, 1.0 - s / period)
-
-
 @njit(forceinline=True)
 def write_oracle_view(faults, b, w, start, period, row, column):
     """Write the oracle view, 2 n numbers, into an observation from ``column`` on."""
     n = (row.shape[0] - column) // 2
-    delivered, closed = np.empty(n), np.empty(n)
-    true_health(faults, b, w, start, period, delivered, closed)
     for i in range(n):
-        row[column + i] = delivered[i]
-        row[column + n + i] = closed[i]
+        _, row[column + i], row[column + n + i] = health.shares_of(faults[b, w], i, start, period)
 
 
 @kernel
-def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft, worlds):
+def true_model(data, faults, columns, wrenches, inverse_inertia, period, number_of_craft, worlds):
     """The vehicle as it truly is in the coming period.
 
     Returns the rate change per second of commanded on-time, (worlds, craft, 6, n) in m/s^2 and rad/s^2, and
-    what comes without a command, (worlds, craft, 6) in m/s and rad/s; body axes. Exact for faults that do not
-    change within the period and whose thrust is proportional to the on-time, feed coupling and scatter apart.
+    what comes without a command, (worlds, craft, 6) in m/s and rad/s; body axes. ``columns`` is the first row
+    of the true wrenches. Exact for faults that do not change within the period and whose thrust is
+    proportional to the on-time, feed coupling and scatter apart; where a fault adds to the duty, as long as
+    the sum is at most 1.
     """
     n, lanes = wrenches.shape[0], data.shape[2]
     effectiveness, offset = np.zeros((worlds, number_of_craft, 6, n)), np.zeros((worlds, number_of_craft, 6))
-    delivered, closed, column = np.empty(n), np.empty(n), np.empty(6)
+    wrench = np.empty((6 * n, 1))
     for world in range(worlds):
         for craft in range(number_of_craft):
             b, w = place(world, craft, number_of_craft, lanes)
             start = data[b, at.STEP, w] * period
-            true_health(faults, b, w, start, period, delivered, closed)
+            for k in range(6 * n):
+                wrench[k, 0] = data[b, columns + k, w]
+            for slot in range(faults.shape[2]):
+                if health.is_active(faults[b, w, slot], start + 0.5 * period):
+                    health.tilt_columns(faults[b, w, slot], start + 0.5 * period, wrench, 0)
             for i in range(n):
-                share = delivered[i]
-                for k in range(6):
-                    column[k] = data[b, at.SCALARS + 5 * n + 6 * i + k, w]
-                for slot in range(faults.shape[2]):
-                    fault = faults[b, w, slot]
-                    tilted = (
-                        fault[code.FIELD_KIND] == code.MISALIGNMENT and int(fault[code.FIELD_THRUSTER]) == i
-                    )
-                    if tilted and firing.is_active(fault, start + 0.5 * period):
-                        s = firing.severity(fault, start + 0.5 * period)
-                        share /= math.cos(s)
-                        for k in range(6):
-                            column[k] = math.cos(s) * column[k] + math.sin(s) * fault[at.FAULT_TILTED + k]
+                share, _, closed = health.shares_of(faults[b, w], i, start, period)
+                column = wrench[6 * i : 6 * i + 6, 0]
                 for k in range(3):
                     column[k] /= data[b, at.MASS, w]
                 x, y, z = column[3], column[4], column[5]
@@ -156,7 +117,7 @@ def true_model(data, faults, wrenches, inverse_inertia, period, number_of_craft,
                     )
                 for k in range(6):
                     effectiveness[world, craft, k, i] = share * column[k]
-                    offset[world, craft, k] += closed[i] * period * column[k]
+                    offset[world, craft, k] += closed * period * column[k]
     return effectiveness, offset
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.tasks.access import place
 from thruster_envs.tasks.contract import Feature, Observations, check_not_negative, check_positive
 from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
@@ -103,10 +103,10 @@ def _test(data, actions, test_duties, period, budget, price, account, first, las
         b, w = place(world, 0, 1, data.shape[2])
         fired = 0.0
         for i in range(actions.shape[2] - 2):
-            duty, wanted = data[b, at.SCALARS + i, w], test_duties[actions[world, 0, 2 + i]]
+            duty, wanted = data[b, at.DUTIES + i, w], test_duties[actions[world, 0, 2 + i]]
             left = max(0.0, budget - account[world, TESTED] - fired)
             pulse = min(period * wanted, period * (1.0 - duty), left)
-            data[b, at.SCALARS + i, w] = min(duty + pulse / period, 1.0)
+            data[b, at.DUTIES + i, w] = min(duty + pulse / period, 1.0)
             fired += pulse
         account[world, TESTED] = min(account[world, TESTED] + fired, budget)
         account[world, FUEL] = -price * fired if fired > 0.0 else 0.0

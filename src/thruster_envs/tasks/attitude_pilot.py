@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.tasks.access import attitude_error, place
@@ -176,6 +176,6 @@ def _wanted(angle, rate, axis, gains):
 def command_pulses(data, b, w, pulses, thrusters):
     """Ask the thrusters that turn a craft about the three axes for these pulses."""
     for axis in range(3):
-        forwards, backwards = at.SCALARS + thrusters[axis, 0], at.SCALARS + thrusters[axis, 1]
+        forwards, backwards = at.DUTIES + thrusters[axis, 0], at.DUTIES + thrusters[axis, 1]
         data[b, forwards, w] = 1.0 if pulses[axis] > 0 else 0.0
         data[b, backwards, w] = 1.0 if pulses[axis] < 0 else 0.0

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
+from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.physics.fleet import Fleet, check_flyable
-from thruster_envs.physics.flight import MOST_SUBSTEPS
 from thruster_envs.spacecraft import Spacecraft, load
 from thruster_envs.spacecraft.description import LARGEST
 
@@ -149,7 +149,7 @@ class TaskState:
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save` gave."""
-        self.fleet.restore({name: saved[name] for name in ("data", "faults", "streams")})
+        self.fleet.restore({name: saved[name] for name in self.fleet.saved})
         for name, array in self.own():
             array[...] = saved[f"task.{name}"]
 
@@ -246,8 +246,8 @@ class Task(ABC):
             return ()
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("true delivered share of each thruster's on-time", n, 1.0, "1", 0.0),
-            Feature("true opening of each thruster when closed", n, 1.0, "1", 0.0),
+            Feature("true delivered share of each thruster's on-time", n, 1.0, "1"),
+            Feature("true opening of each thruster when closed", n, 1.0, "1"),
         )
 
     @cached_property

@@ -24,7 +24,8 @@ from thruster_envs.faults import MODES, Fault, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.modes import mode_number
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.protocols import Sight
 from thruster_envs.random import COMMAND, philox, uniform_pair
@@ -333,7 +334,7 @@ def piloted(pilot: Callable[[Sight], Any], sight: Sight) -> FloatArray:
 
 
 def _sight(state: DiagnosisState, period: float) -> Sight:
-    fleet, n = state.fleet, state.fleet.layout.thrusters
+    fleet, n = state.fleet, state.fleet.rows.thrusters
     measured = fleet.read(at.MEASURED, 13)[:, 0]
     return Sight(
         time=fleet.read(at.STEP)[:, 0, 0] * period,
@@ -342,7 +343,7 @@ def _sight(state: DiagnosisState, period: float) -> Sight:
         velocity=measured[:, 3:6],
         attitude=measured[:, 6:10],
         rate=measured[:, 10:],
-        duties=fleet.read(fleet.layout.duties, n)[:, 0],
+        duties=fleet.read(fleet.rows.duties, n)[:, 0],
         measured_change=fleet.read(at.MEASURED_CHANGE, 6)[:, 0],
         expected_change=fleet.read(at.EXPECTED_CHANGE, 6)[:, 0],
     )
@@ -384,8 +385,9 @@ def _first_fault(faults, b, w, time):
     first = -1
     for slot in range(faults.shape[2]):
         fault = faults[b, w, slot]
-        acts = fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= time < fault[code.FIELD_END]
-        if acts and (first < 0 or fault[code.FIELD_ONSET] < faults[b, w, first, code.FIELD_ONSET]):
+        if health.is_between(fault, time) and (
+            first < 0 or fault[code.FIELD_ONSET] < faults[b, w, first, code.FIELD_ONSET]
+        ):
             first = slot
     return first
 
@@ -398,7 +400,7 @@ def _right_now(data, faults, period, right):
         slot = _first_fault(faults, b, w, data[b, at.STEP, w] * period)
         if slot >= 0:
             fault = faults[b, w, slot]
-            right[world, 0] = int(fault[code.FIELD_THRUSTER]) + 1
+            right[world, 0] = health.thruster_of(fault) + 1
             right[world, 1] = mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
 
 
@@ -419,8 +421,7 @@ def _judge(data, faults, actions, limits, declared, standing, account, first, la
         isolated, identified = False, False
         for slot in range(faults.shape[2]):
             fault = faults[b, w, slot]
-            acts = fault[code.FIELD_KIND] > 0.0 and fault[code.FIELD_ONSET] <= time < fault[code.FIELD_END]
-            if acts and int(fault[code.FIELD_THRUSTER]) + 1 == thruster:
+            if health.is_between(fault, time) and health.thruster_of(fault) + 1 == thruster:
                 isolated = True
                 identified |= mode == mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
         for k in range(_COST + 1):
@@ -520,7 +521,7 @@ def _observe(
             row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
             row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
         for i in range(n):
-            row[13 + i] = data[b, at.SCALARS + i, w]
+            row[13 + i] = data[b, at.DUTIES + i, w]
             along = 0.0
             for k in range(6):
                 along += projection[i, k] * (

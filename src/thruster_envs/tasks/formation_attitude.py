@@ -19,9 +19,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
 from thruster_envs.physics import pulsed_flight as pulse
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, check_torques, discharge_of
+from thruster_envs.physics.vehicle import open_vehicle
 from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.access import attitude_error, bounded, place
@@ -206,8 +207,8 @@ class FormationAttitude(Task):
             return ()
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse", 0.0),
-            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse", 0.0),
+            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse"),
+            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse"),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
@@ -243,12 +244,13 @@ class FormationAttitude(Task):
         """Fly one period; the craft that nobody commands fly by the law."""
         fleet, model, choose = state.fleet, state.model, self.choices is not None
         first, last = self.first_commanded, self.first_commanded + len(self.agents)
+        capacitors = fleet.capacitors
 
         def command(start: int, stop: int) -> None:
             if choose:
                 _choose_pulses(fleet.data, actions, first, self.craft, model.gains, start, stop)
             else:
-                _owe_pulses(fleet.data, actions, first, state.owed, fleet.vehicle.capacitors, start, stop)
+                _owe_pulses(fleet.data, actions, first, state.owed, capacitors, start, stop)
             hold_attitudes(fleet.data, state.targets, 0, first, start, stop, model.gains)
             hold_attitudes(fleet.data, state.targets, last, self.craft, start, stop, model.gains)
 
@@ -429,9 +431,9 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
                 for j in range(n):
                     if j != i and capacitors[j] == capacitors[i]:
                         fires &= debt[i] > debt[j] or (debt[i] == debt[j] and i < j)
-                data[b, at.SCALARS + i, w] = 1.0 if fires else 0.0
+                data[b, at.DUTIES + i, w] = 1.0 if fires else 0.0
             for i in range(n):
-                debt[i] = max(debt[i] - data[b, at.SCALARS + i, w], 0.0)
+                debt[i] = max(debt[i] - data[b, at.DUTIES + i, w], 0.0)
 
 
 @kernel
@@ -480,11 +482,11 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
 
 @kernel(nogil=True)
 def _observe(
-    data, faults, vehicle, limits, targets, owed, account, first, by_duties, observe_fault, observations,
+    data, faults, parts, limits, targets, owed, account, first, by_duties, observe_fault, observations,
     start, stop,
 ):  # fmt: skip
     lanes, craft, n = data.shape[2], targets.shape[1], owed.shape[2]
-    health = np.empty((pulse.HEALTH_GROUPS, n))
+    made, pulses = np.empty((pulse.HEALTH_GROUPS, n)), open_vehicle(parts).pulses
     for world in range(start, stop):
         mean = 0.0
         for c in range(craft):
@@ -503,7 +505,7 @@ def _observe(
                 row[4 + k] = bounded(angle[k] / _FINE, 1.0)
                 row[7 + k] = bounded(rate[k] / _RATE, _BOUND)
             for i in range(n):
-                row[14 + i] = data[b, at.SCALARS + i, w]
+                row[14 + i] = data[b, at.DUTIES + i, w]
             used = account[world, c, _OPEN_TIME]
             row[14 + n] = bounded(used / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
             column = 15 + n
@@ -513,8 +515,7 @@ def _observe(
                 column += n
             if observe_fault:
                 time = data[b, at.STEP, w] * limits[_PERIOD]
-                pulse.pulse_health(faults[b, w], time, vehicle, health)
+                pulse.pulse_health(faults[b, w], time, pulses, made)
                 for i in range(n):
-                    gain = health[pulse.GAIN, i]
-                    row[column + i] = bounded(gain * health[pulse.SLOPE, i], 2.0)
-                    row[column + n + i] = bounded(gain * health[pulse.FLOOR, i], 2.0)
+                    asked, unasked = pulse.impulses_of(made, i)
+                    row[column + i], row[column + n + i] = bounded(asked, 2.0), bounded(unasked, 2.0)

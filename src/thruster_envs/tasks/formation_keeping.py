@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
     attitude_error,
@@ -320,7 +320,7 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
                 row[6 + k] = bounded(angle[k] / _ANGLE, _BOUND)
                 row[9 + k] = bounded(spin[k] / _RATE, _BOUND)
             for i in range(n):
-                row[12 + i] = data[b, at.SCALARS + i, w]
+                row[12 + i] = data[b, at.DUTIES + i, w]
             for k in range(6):
                 row[12 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
                 row[18 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)

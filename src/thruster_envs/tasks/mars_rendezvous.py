@@ -24,9 +24,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.faults import encoding as code
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import health
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
     conjugate,
     exponential,
@@ -279,8 +279,8 @@ class MarsRendezvous(Task):
         """Start behind the target, closing at the speed of the approach, nearly aligned."""
         fleet, model = state.fleet, state.model
         _start(
-            fleet.data, fleet.streams, which, model.limits, model.dispersion, model.arms, state.sky,
-            state.branch, state.account,
+            fleet.data, fleet.streams, fleet.rows.columns, which, model.limits, model.dispersion, model.arms,
+            state.sky, state.branch, state.account,
         )  # fmt: skip
         fleet.look(which)
         _first_sight(fleet.data, which, model.limits, state.sights, state.estimate)
@@ -290,8 +290,8 @@ class MarsRendezvous(Task):
         fleet, model = state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _command(
-                fleet.data, fleet.faults, actions, fleet.layout.pending, fleet.layout.inhibited, state.branch,
-                model.limits, model.disturbances, state.sky, fleet.layout.push, first, last,
+                fleet.data, fleet.faults, actions, fleet.rows.pending, fleet.rows.inhibited, state.branch,
+                model.limits, model.disturbances, state.sky, fleet.rows.push, first, last,
             )
         )  # fmt: skip
         fleet.fly()
@@ -308,7 +308,7 @@ class MarsRendezvous(Task):
         fleet.by_worlds(
             lambda first, last: _observe(
                 fleet.data, fleet.faults, model.limits, model.authority, state.sights, state.estimate,
-                state.branch, fleet.layout.inhibited, fleet.layout.thrusters, self.inhibit,
+                state.branch, fleet.rows.inhibited, fleet.rows.thrusters, self.inhibit,
                 self.vehicle.spare_branch, self.observe_fault, rows, first, last,
             )
         )  # fmt: skip
@@ -360,7 +360,7 @@ def _length(v):
 
 
 @kernel
-def _start(data, streams, which, limits, dispersion, arms, sky, branch, account):
+def _start(data, streams, columns, which, limits, dispersion, arms, sky, branch, account):
     """Disperse the chaser about its start and its truth about the description, and open the account."""
     lanes, n = data.shape[2], arms.shape[0]
     uniform = np.empty(8 * ((20 + n + 7) // 8))
@@ -386,7 +386,7 @@ def _start(data, streams, which, limits, dispersion, arms, sky, branch, account)
         data[b, at.MASS, w] *= 1.0 + dispersion[0] * (2.0 * uniform[14] - 1.0)
         inertia = 1.0 + dispersion[1] * (2.0 * uniform[15] - 1.0)
         for i in range(n):
-            row = at.SCALARS + 5 * n + 6 * i
+            row = columns + 6 * i
             gain = 1.0 + dispersion[2] * (2.0 * uniform[20 + i] - 1.0)
             f = np.empty(3)
             arm = np.empty(3)
@@ -435,7 +435,7 @@ def _command(
         b, w = place(world, 0, 1, lanes)
         action = actions[world, 0]
         for i in range(n):
-            data[b, at.SCALARS + i, w] = action[i]
+            data[b, at.DUTIES + i, w] = action[i]
         time = data[b, at.STEP, w] * limits[_PERIOD]
         if action.shape[0] > n:
             for i in range(n):
@@ -444,11 +444,7 @@ def _command(
                 branch[world] = 1
                 for row in range(pending, inhibited):
                     data[b, row, w] = 0.0
-                for slot in range(faults.shape[2]):
-                    if faults[b, w, slot, code.FIELD_KIND] > 0.0:
-                        faults[b, w, slot, code.FIELD_END] = min(faults[b, w, slot, code.FIELD_END], time)
-                    elif faults[b, w, slot, code.FIELD_KIND] < 0.0:
-                        faults[b, w, slot, code.FIELD_KIND] *= -1.0
+                health.switch_branch(faults[b, w], time)
         r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
         latitude = sky[world, 0] + turns * time
         pushed = disturb(r, latitude - math.floor(latitude), sky[world, 1], disturbances)
@@ -576,7 +572,7 @@ def _observe(
             row[12 + k] = bounded(rate[k] / _RATE, _BOUND)
         row[15] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
         for i in range(n):
-            row[16 + i] = data[b, at.SCALARS + i, w]
+            row[16 + i] = data[b, at.DUTIES + i, w]
         for k in range(6):
             row[16 + n + k] = bounded(sight[_EXPECTED - 6 + k] / authority[k], _BOUND)
             row[22 + n + k] = bounded(sight[_EXPECTED + k] / authority[k], _BOUND)

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
     attitude_error,
@@ -318,7 +318,7 @@ def _observe(data, faults, limits, authority, observe_fault, observations, first
             row[9 + k] = bounded(rate[k] / _RATE, _BOUND)
         row[12] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
         for i in range(n):
-            row[13 + i] = data[b, at.SCALARS + i, w]
+            row[13 + i] = data[b, at.DUTIES + i, w]
         for k in range(6):
             row[13 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
             row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)

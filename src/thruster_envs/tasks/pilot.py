@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.tasks.access import attitude_error, place, rate_error
@@ -121,7 +121,7 @@ def _hold_slots(data, slots, first, craft, worlds, inverse, null, mean_motion, p
                 if null[i] > 0.0:
                     shift = max(shift, -duties[i] / null[i])
             for i in range(n):
-                data[b, at.SCALARS + i, w] = min(max(duties[i] + shift * null[i], 0.0), 1.0)
+                data[b, at.DUTIES + i, w] = min(max(duties[i] + shift * null[i], 0.0), 1.0)
 
 
 @njit(forceinline=True)

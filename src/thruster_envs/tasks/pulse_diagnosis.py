@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistribution
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.plasma_pulse import (
     PulseMap,
     map_place,
     pulse_ratio,
-    pulse_shares,
     pulse_waveforms,
     tabulate_pulses,
 )
@@ -236,7 +236,9 @@ class PulseDiagnosis(Task):
 
     def create(self, worlds: int, threads: int | None) -> PulseState:
         """Arrays for that many worlds."""
-        fleet = Fleet(self.vehicle, worlds, slots=self.fault_slots, threads=threads, kinds=DISCHARGE_KINDS)
+        fleet = Fleet(
+            self.vehicle, worlds, slots=self.fault_slots, threads=threads, kinds=DISCHARGE_KINDS, sensors=()
+        )
         return PulseState(
             fleet, self._model(), np.zeros((worlds, 2 * self.samples + 1)), np.zeros((worlds, _PULSE)),
             np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),
@@ -277,7 +279,7 @@ class PulseDiagnosis(Task):
     def _fire(self, state: PulseState, which: NDArray[np.int64]) -> None:
         fleet, model = state.fleet, state.model
         _fire(
-            fleet.data, fleet.faults, fleet.streams, model.limits, model.capacitors, model.logarithms,
+            fleet.arrays, fleet.rows.delivered, model.limits, model.capacitors, model.logarithms,
             model.waveforms, state.measured, state.pulse, state.case, which,
         )  # fmt: skip
 
@@ -337,9 +339,10 @@ def _waveforms(discharge: Discharge, samples: tuple[int, ...]) -> FloatArray:
 
 @kernel(nogil=True)
 def _fire(
-    data, faults, streams, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
+    arrays, delivered, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
     """Fire the pulse of the present period in some worlds and measure it."""
+    data, faults, streams = arrays
     n, lanes, columns, thruster = (
         capacitors.shape[0],
         data.shape[2],
@@ -382,8 +385,8 @@ def _fire(
         row[columns] = ratio + limits[_THRUST_NOISE] * noise[columns]
         for i in range(n):
             fires = 1.0 if i == thruster else 0.0
-            data[b, at.SCALARS + i, w] = fires
-            data[b, at.SCALARS + n + i, w] = fires * ratio * limits[_FIRING]
+            data[b, at.DUTIES + i, w] = fires
+            data[b, delivered + i, w] = fires * ratio * limits[_FIRING]
         data[b, at.OPEN_TIME, w] += limits[_FIRING]
 
 

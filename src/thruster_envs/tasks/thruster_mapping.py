@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.kernels import kernel
-from thruster_envs.physics import layout as at
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
@@ -160,7 +160,7 @@ class ThrusterMapping(Task):
 
     def create(self, worlds: int, threads: int | None) -> MappingState:
         """Arrays for that many worlds."""
-        fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads)
+        fleet = Fleet(self.linear_vehicle(), worlds, slots=self.fault_slots, threads=threads, sensors=())
         changes = ("command", "answered", "delivered", "measured", "expected")
         return MappingState(
             fleet,
@@ -222,8 +222,9 @@ class ThrusterMapping(Task):
         """Effectiveness (worlds, 6, n) and offset (worlds, 6) of the true vehicles in the coming period."""
         fleet, inverse = state.fleet, state.model.inverse_inertia
         effectiveness, offset = true_model(
-            fleet.data, fleet.faults, fleet.wrenches, inverse, self.vehicle.control_period, 1, fleet.worlds
-        )
+            fleet.data, fleet.faults, fleet.rows.columns, fleet.wrenches, inverse,
+            self.vehicle.control_period, 1, fleet.worlds,
+        )  # fmt: skip
         return effectiveness[:, 0], offset[:, 0]
 
 
@@ -276,7 +277,7 @@ def _judge(
             normal[2 * k], normal[2 * k + 1] = normal_pair(words[k])
         fuel, miss, idle = 0.0, 0.0, 0.0
         for i in range(n):
-            fuel += fuel_cost[i] * period * data[b, at.SCALARS + i, w]
+            fuel += fuel_cost[i] * period * data[b, at.DUTIES + i, w]
         for k in range(6):
             if k < 3:
                 change = data[b, at.IMPULSE + k, w] / mass
@@ -286,7 +287,7 @@ def _judge(
                     change += inverse_inertia[k - 3, j] * data[b, at.IMPULSE + 3 + j, w]
             nominal = 0.0
             for i in range(n):
-                nominal += effectiveness[k, i] * period * data[b, at.SCALARS + i, w]
+                nominal += effectiveness[k, i] * period * data[b, at.DUTIES + i, w]
             delivered[world, k], expected[world, k] = change, nominal
             measured[world, k] = change + noise[k] * normal[k]
             miss += slack_cost[k] * abs(command[world, k] - change)
@@ -320,7 +321,7 @@ def _observe(
             row[6 + n + k] = bounded(measured[world, k] / authority[k], _BOUND)
             row[12 + n + k] = bounded(expected[world, k] / authority[k], _BOUND)
         for i in range(n):
-            row[6 + i] = data[b, at.SCALARS + i, w]
+            row[6 + i] = data[b, at.DUTIES + i, w]
             along_measured, along_expected = 0.0, 0.0
             for k in range(6):
                 along_measured += projection[i, k] * measured[world, k]

@@ -221,8 +221,8 @@ class FormationParallelEnv(TaskParallelEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 43-54 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 55-66 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 43-54 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 55-66 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     `state()` is the observations of all agents, one after another.
 
@@ -252,8 +252,12 @@ class FormationParallelEnv(TaskParallelEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 1 - distance / 10 m to the nearest other craft, where that is above 0: the danger of a
       collision.
-    - `fault`: arrays over the fault slots of the craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots of the craft: `thruster` (from 1; 0 where none fails), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an
+      empty slot), `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`,
+      from 1; 0 where none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve of the craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
@@ -337,8 +341,8 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 21-26 | true impulse that asking each thruster adds | 0 | 2 | nominal impulse |
-    | 27-32 | true impulse of each thruster unasked | 0 | 2 | nominal impulse |
+    | 21-26 | true impulse that asking each thruster adds | -2 | 2 | nominal impulse |
+    | 27-32 | true impulse of each thruster unasked | -2 | 2 | nominal impulse |
 
     `state()` is the observations of all agents, one after another.
 
@@ -368,8 +372,12 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
-    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 where none fails), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an
+      empty slot), `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`,
+      from 1; 0 where none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
     - `score`: half for the share of the turn that is done, half for the share of the six requirements met
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is

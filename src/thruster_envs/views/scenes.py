@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
-from thruster_envs.physics import layout as at
+from thruster_envs.faults.encoding import FIELD_THRUSTER
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
 from thruster_envs.tasks.fault_diagnosis import DiagnosisState
@@ -107,14 +108,14 @@ class Camera:
         firing = period if discharge is None else discharge.firing_time
         own = task.first_commanded
         approach = worlds.state if isinstance(worlds.state, ApproachState) else None
-        valves = fleet.read(fleet.layout.inhibited, n)[world] > 0.0 if approach is not None else None
+        valves = fleet.read(fleet.rows.inhibited, n)[world] > 0.0 if approach is not None else None
         craft = tuple(
             CraftScene(
                 position=fleet.read(at.POSITION, 3)[world, c],
                 attitude=fleet.read(at.ATTITUDE, 4)[world, c],
-                duties=np.clip(fleet.read(fleet.layout.duties, n)[world, c], 0.0, 1.0),
-                thrust=np.clip(fleet.read(fleet.layout.delivered, n)[world, c] / firing, 0.0, 1.0),
-                faulty=np.isin(np.arange(n), rows[c, active[c], 1]),
+                duties=np.clip(fleet.read(fleet.rows.duties, n)[world, c], 0.0, 1.0),
+                thrust=np.clip(fleet.read(fleet.rows.delivered, n)[world, c] / firing, 0.0, 1.0),
+                faulty=np.isin(np.arange(n), rows[c, active[c], FIELD_THRUSTER]),
                 shut=np.zeros(n, np.bool_) if valves is None else valves[c],
                 path=path[:, c],
                 target=slots[c],

@@ -269,7 +269,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
             now = self.worlds.now()
             step = Step(
                 now.observations, np.where(done, now.numbers, step.numbers),
-                np.where(done, now.flags, step.flags), step.ends, now.active, step.ended,
+                np.where(done, now.flags, step.flags), step.ends, now.active, now.stale, step.ended,
             )  # fmt: skip
         if self._cameras:
             self._film(step.done, np.ones(self.num_envs, np.bool_))
@@ -339,6 +339,7 @@ def _added(total: Step, step: Step, seen: NDArray[np.bool_]) -> Step:
         np.where(seen, step.flags, total.flags),
         ends,
         np.where(rows, step.active, total.active),
+        np.where(rows, step.stale, total.stale),
         int(np.count_nonzero(ends[0] | ends[1])),
     )
 

@@ -39,6 +39,7 @@ class Step(NamedTuple):
         flags: (2, agents, worlds): success, twice.
         ends: (2, worlds): whether the episode came to its own end, and whether the time limit cut it.
         active: (worlds, agents, slots), whether each fault acts now.
+        stale: (worlds, agents, sensors), of which sensor the last measurement dropped out.
         ended: In how many worlds the episode is over.
     """
 
@@ -47,6 +48,7 @@ class Step(NamedTuple):
     flags: NDArray[np.bool_]
     ends: NDArray[np.bool_]
     active: NDArray[np.bool_]
+    stale: NDArray[np.bool_]
     ended: int
 
     @property
@@ -239,7 +241,8 @@ class Worlds:
             begins, self.steps, advance, limit, numbers, flags, ends,
         )  # fmt: skip
         active = self.fleet.active(self.steps, self.task.first_commanded, agents)
-        return Step(self.task.observe(self.state), numbers, flags, ends, active, ended)
+        stale = self.fleet.stale()[:, self._commanded]
+        return Step(self.task.observe(self.state), numbers, flags, ends, active, stale, ended)
 
     def _duties(self, actions: FloatArray) -> FloatArray:
         duties = np.empty(self._shape)
@@ -266,9 +269,13 @@ class Worlds:
     def info(self, step: Step | None = None) -> dict[str, Any]:
         """What ``info`` carries, always the same keys: new arrays whose first axes are (worlds, agents).
 
-        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a spare branch after the
-        others; 0 is an empty slot), ``kind`` (code, in the order of ``thruster_envs.faults.KINDS`` from 1),
-        ``severity``, ``onset`` (s), ``active``. What a task has to report beyond that comes last.
+        ``fault`` has (worlds, agents, slots) arrays: ``thruster`` (from 1, those of a redundant branch after
+        the others; 0 in an empty slot and where a sensor fails), ``kind`` (code, in the order of
+        ``thruster_envs.faults.KINDS`` from 1, or of ``SENSOR_KINDS`` where a sensor fails; 0 is an empty
+        slot), ``severity``, ``onset`` (s), ``active``, ``sensor`` (code, in the order of
+        ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
+        ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
+        has to report beyond that comes last.
 
         Args:
             step: What the last step gave, whose arrays become those of the info; None takes :meth:`now`.
@@ -279,6 +286,7 @@ class Worlds:
             [row.T for row in step.flags],
             [array.copy() for array in self._told],
             step.active,
+            step.stale,
             self.task.report(self.state),
         )
 
@@ -289,6 +297,7 @@ class Worlds:
             list(step.flags[:, agent]),
             [array[:, agent].copy() for array in self._told],
             step.active[:, agent],
+            step.stale[:, agent],
             {
                 group: {name: array[:, agent] for name, array in entries.items()}
                 for group, entries in self.task.report(self.state).items()
@@ -302,6 +311,7 @@ class Worlds:
             step.flags[:, agent, 0].tolist(),
             [array[0, agent].copy() for array in self._told],
             step.active[0, agent],
+            step.stale[0, agent],
             {
                 group: {
                     name: array.item(agent) if array.ndim == 2 else array[0, agent].copy()
@@ -312,11 +322,17 @@ class Worlds:
         )
 
     def _info(
-        self, numbers: list[Any], flags: list[Any], told: list[Any], active: Any, report: dict[str, Any]
+        self,
+        numbers: list[Any],
+        flags: list[Any],
+        told: list[Any],
+        active: NDArray[np.bool_],
+        stale: NDArray[np.bool_],
+        report: dict[str, Any],
     ) -> dict[str, Any]:
         """Numbers, flags and faults under their names."""
         *terms, cost, fuel, score, _ = numbers
-        thruster, kind, severity, onset = told
+        thruster, kind, severity, onset, sensor, axis = told
         return {
             "reward_terms": dict(zip(self.task.reward_terms, terms, strict=True)),
             "cost": cost,
@@ -326,7 +342,10 @@ class Worlds:
                 "severity": severity,
                 "onset": onset,
                 "active": active,
+                "sensor": sensor,
+                "axis": axis,
             },
+            "stale": stale,
             "fuel": fuel,
             "score": score,
             "success": flags[0],
@@ -360,13 +379,17 @@ class Worlds:
     def _tell(self, which: NDArray[np.int64]) -> None:
         """Note the faults with which the episodes of some worlds begin."""
         told, rows = self._told, self.fleet.fault_rows(which)[:, self._commanded]
-        kind = rows[..., code.FIELD_KIND].astype(np.int64)
-        thruster = rows[..., code.FIELD_THRUSTER].astype(np.int64) + 1
-        spare = self.task.vehicle.number_of_thrusters * (kind < 0)
-        told.thruster[which] = np.where(kind != code.EMPTY, thruster + spare, 0)
-        told.kind[which] = np.abs(kind)
+        number = rows[..., code.FIELD_THRUSTER] + 1.0
+        number += self.task.vehicle.number_of_thrusters * rows[..., code.FIELD_BRANCH]
+        told.thruster[which] = np.where(rows[..., code.FIELD_KIND] != code.EMPTY, number, 0.0)
+        told.kind[which] = rows[..., code.FIELD_KIND]
         told.severity[which] = rows[..., code.FIELD_SEVERITY]
         told.onset[which] = rows[..., code.FIELD_ONSET]
+        told.sensor[which] = rows[..., code.FIELD_SENSOR]
+        told.axis[which] = rows[..., code.FIELD_AXIS]
+
+
+_WHOLE = ("thruster", "kind", "sensor", "axis")
 
 
 class _Told(NamedTuple):
@@ -376,11 +399,13 @@ class _Told(NamedTuple):
     kind: NDArray[np.int64]
     severity: FloatArray
     onset: FloatArray
+    sensor: NDArray[np.int64]
+    axis: NDArray[np.int64]
 
     @classmethod
     def empty(cls, *shape: int) -> _Told:
         """No faults."""
-        return cls(np.zeros(shape, np.int64), np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape))
+        return cls(*(np.zeros(shape, np.int64 if name in _WHOLE else np.float64) for name in cls._fields))
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:

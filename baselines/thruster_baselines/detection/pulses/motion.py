@@ -77,8 +77,8 @@ class MotionFit:
             )
         self._kick = spacecraft.discharge.firing_time * sizes  # rad/s, of one nominal pulse
         self._inertia = np.diag(spacecraft.inertia)
-        self._gradient = 3.0 * spacecraft.mean_motion**2
-        self._mean_motion = spacecraft.mean_motion
+        self._mean_motion = spacecraft.circular_mean_motion("the fit of thrusts to motion")
+        self._gradient = 3.0 * self._mean_motion**2
         self._period = spacecraft.control_period
         self._error = rate_error
 

@@ -179,7 +179,7 @@ class FusionDetector(BaseNavigationDetector):
             require(sensors.rate > 0.0, "sensors: rate", sensors.rate, "an error above 0")
         self.margin, self.confirmations, self.lag = float(margin), int(confirmations), int(lag)
         self.use_rate = use_rate
-        period, motion = self._period, self.spacecraft.mean_motion
+        period, motion = self._period, self.spacecraft.circular_mean_motion("the fusion detector")
         columns = self.spacecraft.effectiveness()
         force = disturbance * float(np.linalg.norm(columns[:3], axis=0).mean())
         torque = disturbance * float(np.linalg.norm(columns[3:], axis=0).mean())

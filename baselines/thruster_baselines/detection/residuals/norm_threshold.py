@@ -116,7 +116,8 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
     >>> named_design(load("msr_chaser"), "observer").late
     1
     """
-    motion, period, delay = spacecraft.mean_motion, spacecraft.control_period, nominal_delay(spacecraft)
+    motion = spacecraft.circular_mean_motion("a residual design")
+    period, delay = spacecraft.control_period, nominal_delay(spacecraft)
     if name == "pade":
         at_once = f"'undelayed', as the thrust of {spacecraft.name!r} comes at once,"
         require(delay > 0.0, "design", name, at_once)

@@ -57,8 +57,8 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 68-79 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 80-91 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 68-79 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 80-91 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -88,8 +88,12 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.1 rad/s; 0 below.
-    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 where none fails), `kind` (position
+      in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an empty slot),
+      `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`, from 1; 0 where
+      none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset, the pilot's and those of the tests.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.

@@ -67,8 +67,8 @@ class FaultDiagnosisEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 67-78 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 79-90 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 67-78 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 79-90 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -99,8 +99,12 @@ class FaultDiagnosisEnv(TaskEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0, the agent has no part in the flight.
-    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots: `thruster` (from 1; 0 where none fails), `kind` (position
+      in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an empty slot),
+      `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`, from 1; 0 where
+      none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset, all of them the pilot's.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
       thruster alone), times the share of the time without a fault in which none was declared; so far.

@@ -65,8 +65,8 @@ class FormationAttitudeEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 21-26 | true impulse that asking each thruster adds | 0 | 2 | nominal impulse |
-    | 27-32 | true impulse of each thruster unasked | 0 | 2 | nominal impulse |
+    | 21-26 | true impulse that asking each thruster adds | -2 | 2 | nominal impulse |
+    | 27-32 | true impulse of each thruster unasked | -2 | 2 | nominal impulse |
 
     ## Rewards
 
@@ -89,8 +89,12 @@ class FormationAttitudeEnv(TaskEnv):
 
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the body rate is above 0.01 rad/s; 0 below.
-    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 where none fails), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an
+      empty slot), `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`,
+      from 1; 0 where none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of discharge of the own craft since the reset; a pulse is 0.016.
     - `score`: half for the share of the turn that is done, half for the share of the six requirements met
       now, that of a rate counted only where the attitude about the same axis is right; 0 where a craft is

@@ -53,8 +53,8 @@ class FormationKeepingEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 43-54 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 55-66 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 43-54 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 55-66 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -78,8 +78,12 @@ class FormationKeepingEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 1 - distance / 10 m to the nearest other craft, where that is above 0: the danger of a
       collision.
-    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 is an empty slot), `kind`
-      (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+    - `fault`: arrays over the fault slots of the own craft: `thruster` (from 1; 0 where none fails), `kind`
+      (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor fails; 0 is an
+      empty slot), `severity`, `onset` (s), `active`, `sensor` (position in `thruster_envs.faults.SENSORS`,
+      from 1; 0 where none fails), `axis` (from 1; 0 for all three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve of the own craft since the reset.
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.

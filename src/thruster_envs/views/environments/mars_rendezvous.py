@@ -73,8 +73,8 @@ class MarsRendezvousEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 36-43 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 44-51 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 36-43 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 44-51 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -107,9 +107,13 @@ class MarsRendezvousEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: by how much, as a share, the lateral offset is above the half-width of the corridor; 0 inside,
       and farther from the target than `distance`.
-    - `fault`: arrays over the fault slots: `thruster` (from 1, 9 to 16 on the spare branch; 0 is an empty
-      slot), `kind` (position in `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active` (on
-      the branch that is in use).
+    - `fault`: arrays over the fault slots: `thruster` (from 1, 9 to 16 on the redundant branch; 0 where none
+      fails), `kind` (position in `thruster_envs.faults.KINDS`, from 1, or in `SENSOR_KINDS` where a sensor
+      fails; 0 is an empty slot), `severity`, `onset` (s), `active` (on the branch that is in use), `sensor`
+      (position in `thruster_envs.faults.SENSORS`, from 1; 0 where none fails), `axis` (from 1; 0 for all
+      three).
+    - `stale`: for each of `thruster_envs.faults.SENSORS`, whether its last measurement dropped out, so that
+      the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: at capture 0.5, and 0.5 more for at most the thruster-seconds of an open rate of 0.1 in all
       thrusters for the nominal time, in inverse proportion for more; 0.25 for a retreat; 0 if missed or lost;

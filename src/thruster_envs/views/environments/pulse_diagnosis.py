@@ -90,7 +90,9 @@ class PulseDiagnosisEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`; `sensor` and `axis` are 0, no
+      sensor fails here.
+    - `stale`: false for each of `thruster_envs.faults.SENSORS`, for the same reason.
     - `fuel`: thruster-seconds of firing since the reset, 0.016 s for each pulse.
     - `score`: the mean credit of the faulty pulses (1 for the right fault, 0.5 for another one, 0 for
       healthy), times the share of the healthy pulses that were declared healthy; so far.

@@ -54,8 +54,8 @@ class ThrusterMappingEnv(TaskEnv):
 
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
-    | 54-65 | true delivered share of each thruster's on-time | 0 | 1 | 1 |
-    | 66-77 | true opening of each thruster when closed | 0 | 1 | 1 |
+    | 54-65 | true delivered share of each thruster's on-time | -1 | 1 | 1 |
+    | 66-77 | true opening of each thruster when closed | -1 | 1 | 1 |
 
     ## Rewards
 
@@ -86,7 +86,9 @@ class ThrusterMappingEnv(TaskEnv):
     - `reward_terms`: the terms above by name; they sum to the reward.
     - `cost`: 0, there is nothing to violate.
     - `fault`: arrays over the fault slots: `thruster` (from 1; 0 is an empty slot), `kind` (position in
-      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`.
+      `thruster_envs.faults.KINDS`, from 1), `severity`, `onset` (s), `active`; `sensor` and `axis` are 0, no
+      sensor fails here.
+    - `stale`: false for each of `thruster_envs.faults.SENSORS`, for the same reason.
     - `fuel`: thruster-seconds of open valve since the reset.
     - `score`: one minus the objective over that of doing nothing, summed over the episode so far, in 0..1.
     - `success`: whether the score is at least 0.9.

@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import IntArray
 
-__all__ = ["Operations", "operations_of"]
+__all__ = ["Operations", "count", "operations_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,12 @@ class Operations:
     pivots: IntArray
     flips: IntArray
     arithmetic: IntArray
+
+
+def count(mapper: LPMapper, commands: ArrayLike) -> Operations:
+    """Operations of the mapper's solves for each command (..., m)."""
+    axes, thrusters = mapper.effectiveness.shape
+    return operations_of(*mapper.pivots(commands), axes=axes, thrusters=thrusters)
 
 
 def operations_of(pivots: IntArray, flips: IntArray, *, axes: int, thrusters: int) -> Operations:

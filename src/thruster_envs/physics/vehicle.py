@@ -1,0 +1,469 @@
+"""What compiled kernels read of a vehicle and of a batch, by name.
+
+A kernel is called with plain tuples of arrays, since NamedTuples take longer to enter one; its first line
+opens them: :func:`open_batch` and :func:`open_vehicle`. What a vehicle does not have is None in them, so that
+whatever deals with it is left out when the kernel is compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
+
+from thruster_envs.physics import firing
+from thruster_envs.physics import rows as at
+from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
+from thruster_envs.spacecraft import Modulator, Spacecraft
+
+FloatArray = NDArray[np.float64]
+
+#: Unless a longest sub-step is asked for, a craft turns in one sub-step by no more than this (rad) with its
+#: rate, and by no more than this (rad) with a torque, though none is cut shorter than this (s). Errors then
+#: stay a thousand times below Orion's sensor noise over half an orbit.
+TURN_LIMIT, TWIST_LIMIT, SHORT_SUBSTEP = 0.02, 0.005, 0.5
+
+#: Nor does any craft turn further than this in a sub-step (rad) with its rate or with a torque, however fast
+#: it tumbles: its sub-steps are as short as that takes. So the error of a period is less than :data:`ERROR`
+#: times what its impulse moves a craft that does not turn (position, velocity), times the rate, and in
+#: attitude less than as many rad.
+FAR_TURN, FAR_TWIST = 0.25, 0.09
+
+#: The same behind a modulator, where a sub-step has a straight line for the thrust.
+MODULATED_TURN = 0.03
+
+#: Largest error of a period, see :data:`FAR_TURN`.
+ERROR = 2e-5
+
+#: Angle by which the orbit may turn in a sub-step, rad.
+ORBIT_TURN = 0.05
+
+#: Longest sub-step of craft behind a modulator unless another one is asked for, s.
+MODULATED_SUBSTEP = 0.1
+
+#: m/s^2, turns a specific impulse in seconds into an exhaust speed.
+STANDARD_GRAVITY = 9.80665
+
+#: Seconds; a valve level that takes no longer to rise or fall jumps.
+_NO_TIME = 1e-30
+
+
+class Batch(NamedTuple):
+    """The arrays of a batch.
+
+    Attributes:
+        data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
+        faults: (blocks, lanes, slots, FAULT_WIDTH) float64.
+        streams: (blocks, STREAM_ROWS, lanes) uint64.
+    """
+
+    data: FloatArray
+    faults: FloatArray
+    streams: NDArray[np.uint64]
+
+
+class Thrusters(NamedTuple):
+    """Constants of thrusters, (n,) each but for the last.
+
+    Attributes:
+        thrust: N.
+        minimum_pulse: s.
+        opening_delay: s.
+        closing_delay: s.
+        rise_rate: 1/s.
+        fall_rate: 1/s.
+        scatter: Share of the thrust.
+        flow_per_thrust: kg/s per N.
+        lag_rate: 1/s, one over the time constant behind a modulator.
+        believed: (6, n), nominal rate change per second of firing, m/s^2 and rad/s^2.
+    """
+
+    thrust: FloatArray
+    minimum_pulse: FloatArray
+    opening_delay: FloatArray
+    closing_delay: FloatArray
+    rise_rate: FloatArray
+    fall_rate: FloatArray
+    scatter: FloatArray
+    flow_per_thrust: FloatArray
+    lag_rate: FloatArray
+    believed: FloatArray
+
+
+class Constants(NamedTuple):
+    """Scalars of a vehicle.
+
+    Sub-steps are none longer than `max_substep` (s); there are more of them while the craft would turn
+    further in one than `turn_limit` by its rate or `twist_limit` by a torque (rad), but then none shorter
+    than `short_substep` (s) unless it would turn further than `far_turn` or `far_twist` (rad).
+
+    Attributes:
+        period: s.
+        max_substep: s.
+        mean_motion: rad/s.
+        coupling: Share of its thrust that a thruster loses for each further one that is open.
+        dry_mass: kg.
+        uniform_errors: 1 where measurement errors are uniform, 0 where they are normal.
+        sigma_position: m.
+        sigma_velocity: m/s.
+        sigma_attitude: rad.
+        sigma_rate: rad/s.
+        turn_limit: rad.
+        twist_limit: rad.
+        short_substep: s.
+        wave_part: Longest part in which a sine is followed, s.
+        spin_per_torque: One over the smallest principal moment of inertia, 1/(kg m^2).
+        far_turn: rad.
+        far_twist: rad.
+        gyroscopy: How strongly rates turn each other: largest difference of two principal moments over the
+            third.
+        spin_up: The most that the thrusters give together, rad/s^2.
+        velocity_drift: Lower half of the HCW transition matrix over one period, row by row.
+    """
+
+    period: float
+    max_substep: float
+    mean_motion: float
+    coupling: float
+    dry_mass: float
+    uniform_errors: float
+    sigma_position: float
+    sigma_velocity: float
+    sigma_attitude: float
+    sigma_rate: float
+    turn_limit: float
+    twist_limit: float
+    short_substep: float
+    wave_part: float
+    spin_per_torque: float
+    far_turn: float
+    far_twist: float
+    gyroscopy: float
+    spin_up: float
+    velocity_drift: tuple[float, ...]
+
+
+class Body(NamedTuple):
+    """What moves.
+
+    Attributes:
+        inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
+        inverse: Of the inertia, in the same form.
+        mean_motion: Of the orbit, rad/s.
+        radius: Of the orbit, m; None for Hill's equations.
+    """
+
+    inertia: tuple[float, ...]
+    inverse: tuple[float, ...]
+    mean_motion: float
+    radius: float | None
+
+
+class Valves(NamedTuple):
+    """Valves that follow their commands by themselves.
+
+    Attributes:
+        networks: (p, 2), networks that sort the corners of a period, one after the other, and
+        starts: where each begins, by the number of fault slots in use.
+        dynamic: Whether a valve has delays or ramps.
+    """
+
+    networks: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    dynamic: bool
+
+
+class Modulation(NamedTuple):
+    """A modulator: delay and its variation, s; frequency of that, 1/s; jitter, s; sub-steps of a period."""
+
+    delay: float
+    variation: float
+    frequency: float
+    jitter: float
+    substeps: float
+
+
+class Pulses(NamedTuple):
+    """Pulsed plasma thrusters.
+
+    Attributes:
+        capacitors: (n,), number of the capacitor of each thruster.
+        logarithms: Of the :class:`~.plasma_pulse.PulseMap` of the discharge, and
+        resistance: of the same.
+        firing_time: s.
+        gradient: Strength of the gravity gradient, 3 n^2, 1/s^2; 0 where it does not act.
+        bias: A torque, N m along body axes.
+        substeps: Integration sub-steps of a period.
+        bias_of_loss: N m along the torque of a thruster whose fault takes thrust away, and
+        bias_of_gain: of one whose fault adds some.
+    """
+
+    capacitors: NDArray[np.int64]
+    logarithms: FloatArray
+    resistance: float
+    firing_time: float
+    gradient: float
+    bias: tuple[float, float, float]
+    substeps: float
+    bias_of_loss: float
+    bias_of_gain: float
+
+
+class Vehicle(NamedTuple):
+    """What the kernels read of a vehicle; of valves, modulator and pulses it has exactly one."""
+
+    thrusters: Thrusters
+    constants: Constants
+    rows: at.Rows
+    body: Body
+    valves: Valves | None
+    modulator: Modulation | None
+    pulses: Pulses | None
+
+
+@njit(forceinline=True)
+def open_batch(arrays):
+    """The :class:`Batch` of the arrays with which a kernel is called."""
+    return Batch(arrays[0], arrays[1], arrays[2])
+
+
+@njit(forceinline=True)
+def open_vehicle(parts):
+    """The :class:`Vehicle` of the parts with which a kernel is called, as :func:`pack_vehicle` made them."""
+    thrusters, numbers, body = parts[0], parts[1], parts[3]
+    constants = Constants(
+        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
+        numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
+        numbers[16], numbers[17], numbers[18], to_fixed_tuple(numbers[19:], 18),
+    )  # fmt: skip
+    return Vehicle(
+        Thrusters(
+            thrusters[0], thrusters[1], thrusters[2], thrusters[3], thrusters[4], thrusters[5], thrusters[6],
+            thrusters[7], thrusters[8], thrusters[9:],
+        ),
+        constants,
+        at.Rows(*to_fixed_tuple(parts[2], _ROWS)),
+        Body(body[0], body[1], constants.mean_motion, body[2]),
+        _open_valves(parts[4]),
+        _open_modulator(parts[5]),
+        _open_pulses(parts[6]),
+    )  # fmt: skip
+
+
+_ROWS = len(at.Rows._fields)
+
+
+@njit(forceinline=True)
+def _open_valves(parts):
+    if parts is None:
+        return None
+    return Valves(parts[0], parts[1], parts[2])
+
+
+@njit(forceinline=True)
+def _open_modulator(numbers):
+    if numbers is None:
+        return None
+    return Modulation(*to_fixed_tuple(numbers, 5))
+
+
+@njit(forceinline=True)
+def _open_pulses(parts):
+    if parts is None:
+        return None
+    numbers = parts[2]
+    return Pulses(
+        parts[0], parts[1], numbers[0], numbers[1], numbers[2], (numbers[3], numbers[4], numbers[5]),
+        numbers[6], numbers[7], numbers[8],
+    )  # fmt: skip
+
+
+def arrange_rows(spacecraft: Spacecraft) -> at.Rows:
+    """The rows of a spacecraft's state."""
+    carried = None if spacecraft.modulator is None else carried_pulses(spacecraft)
+    return at.arrange(spacecraft.number_of_thrusters, carried)
+
+
+def pack_vehicle(
+    spacecraft: Spacecraft,
+    constants: Constants,
+    *,
+    slots: int,
+    nonlinear: bool,
+    max_substep: float | None,
+    pulses: tuple[Any, ...] | None = None,
+) -> tuple[Any, ...]:
+    """What a kernel takes of a vehicle, in the order in which :func:`open_vehicle` reads it.
+
+    Args:
+        spacecraft: The vehicle.
+        constants: Its scalars.
+        slots: Faults that one craft can have at once.
+        nonlinear: Full two-body relative motion instead of Hill's equations.
+        max_substep: Longest sub-step, s; None for the usual ones.
+        pulses: As :func:`pack_pulses` gives it, where its thrusters fire as pulsed plasma thrusters.
+    """
+    inertia = np.array(spacecraft.inertia)
+    radius = None
+    if nonlinear:
+        radius = orbit_radius(spacecraft.mean_motion, spacecraft.gravitational_parameter)
+    modulated = spacecraft.modulator is not None
+    thrusters = thruster_constants(spacecraft)
+    return (
+        thrusters,
+        np.array([*constants[:-1], *constants.velocity_drift]),
+        np.array(arrange_rows(spacecraft), np.int64),
+        (_symmetric(inertia), _symmetric(np.linalg.inv(inertia)), radius),
+        None if modulated or pulses is not None else _pack_valves(thrusters, slots),
+        _pack_modulator(spacecraft.modulator, spacecraft.control_period, max_substep),
+        pulses,
+    )  # fmt: skip
+
+
+def _pack_valves(constants: FloatArray, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
+    thrusters = Thrusters(*constants[:9], constants[9:])
+    dynamic = bool(
+        np.any(thrusters.opening_delay > 0.0)
+        or np.any(thrusters.closing_delay > 0.0)
+        or np.any(thrusters.rise_rate < 1.0 / _NO_TIME)
+        or np.any(thrusters.fall_rate < 1.0 / _NO_TIME)
+    )
+    corners = thrusters.thrust.size * (firing.CORNERS_WITH_DYNAMICS if dynamic else firing.CORNERS)
+    networks = [_sorting_network(corners + firing.FAULT_CORNERS * busy) for busy in range(slots + 1)]
+    starts = np.cumsum([0] + [len(network) for network in networks])
+    return np.concatenate(networks), starts, dynamic
+
+
+def _pack_modulator(
+    modulator: Modulator | None, period: float, max_substep: float | None
+) -> FloatArray | None:
+    if modulator is None:
+        return None
+    return np.array(
+        Modulation(
+            modulator.delay, modulator.variation, 1.0 / modulator.variation_period, modulator.jitter,
+            math.ceil(period / (max_substep or MODULATED_SUBSTEP)),
+        )
+    )  # fmt: skip
+
+
+def pack_pulses(pulses: Pulses) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """What a kernel takes of pulsed plasma thrusters."""
+    numbers = (
+        pulses.resistance, pulses.firing_time, pulses.gradient, *pulses.bias, pulses.substeps,
+        pulses.bias_of_loss, pulses.bias_of_gain,
+    )  # fmt: skip
+    return pulses.capacitors, pulses.logarithms, np.array(numbers)
+
+
+def carried_pulses(spacecraft: Spacecraft) -> int:
+    """Pulses of earlier periods that may still be open when a period begins, behind a modulator."""
+    modulator = spacecraft.modulator
+    if modulator is None:
+        raise ValueError(f"{spacecraft.name!r} has no modulator; a spacecraft with one would be right")
+    longest = max(thruster.closing_delay for thruster in spacecraft.thrusters)
+    latest = modulator.delay + modulator.variation + modulator.jitter + longest
+    return math.ceil(latest / spacecraft.control_period)
+
+
+def thruster_constants(spacecraft: Spacecraft) -> FloatArray:
+    """(15, n): the constants of each thruster, in the order of :class:`Thrusters`."""
+    rows = np.zeros((15, spacecraft.number_of_thrusters))
+    for i, thruster in enumerate(spacecraft.thrusters):
+        rows[:9, i] = (
+            thruster.thrust, thruster.minimum_pulse, thruster.opening_delay, thruster.closing_delay,
+            1.0 / max(thruster.rise_time, _NO_TIME), 1.0 / max(thruster.fall_time, _NO_TIME),
+            thruster.scatter, 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY),
+            1.0 / max(thruster.time_constant, _NO_TIME),
+        )  # fmt: skip
+    rows[9:] = spacecraft.effectiveness()
+    return rows
+
+
+def scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Constants:
+    """The scalars of a vehicle; with a longest sub-step of the user's own, no other limit of them."""
+    period, own, sensors = spacecraft.control_period, max_substep is not None, spacecraft.sensors
+    longest = max_substep or min(period, ORBIT_TURN / spacecraft.mean_motion)
+    far = MODULATED_TURN if spacecraft.modulator is not None else FAR_TURN
+    drift = transition_matrix(spacecraft.mean_motion, period)[3:]
+    return Constants(
+        period=period,
+        max_substep=longest,
+        mean_motion=spacecraft.mean_motion,
+        coupling=spacecraft.feed.coupling,
+        dry_mass=max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass),
+        uniform_errors=1.0 if sensors.distribution == "uniform" else 0.0,
+        sigma_position=sensors.position,
+        sigma_velocity=sensors.velocity,
+        sigma_attitude=sensors.attitude,
+        sigma_rate=sensors.rate,
+        turn_limit=math.inf if own else TURN_LIMIT,
+        twist_limit=math.inf if own else TWIST_LIMIT,
+        short_substep=longest if own else SHORT_SUBSTEP,
+        wave_part=longest if own else SHORT_SUBSTEP,
+        spin_per_torque=1.0 / np.linalg.eigvalsh(np.array(spacecraft.inertia)).min(),
+        far_turn=math.inf if own else far,
+        far_twist=math.inf if own else FAR_TWIST,
+        gyroscopy=_gyroscopy(spacecraft),
+        spin_up=spin_up(spacecraft),
+        velocity_drift=tuple(drift.reshape(-1).tolist()),
+    )
+
+
+def spin_up(spacecraft: Spacecraft) -> float:
+    """Largest angular acceleration that the thrusters can give together, rad/s^2; none where they pulse."""
+    if spacecraft.discharge is not None:
+        return 0.0
+    return math.hypot(*spacecraft.authority()[3:].tolist()) / spacecraft.control_period
+
+
+def _gyroscopy(spacecraft: Spacecraft) -> float:
+    """Largest difference of two principal moments of inertia over the third."""
+    a, b, c = np.linalg.eigvalsh(np.array(spacecraft.inertia))
+    return float(max((c - b) / a, (c - a) / b, (b - a) / c))
+
+
+def _symmetric(matrix: FloatArray) -> tuple[float, ...]:
+    """The diagonal of a symmetric matrix, followed by (xy, xz, yz) unless these are zero."""
+    upper = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+    return tuple(upper if any(upper[3:]) else upper[:3])
+
+
+def tilted_wrenches(spacecraft: Spacecraft) -> FloatArray:
+    """(2, n, 6): the wrench of each thruster if it pointed square to its direction, azimuth 0 and 90 deg."""
+    wrenches = np.zeros((2, spacecraft.number_of_thrusters, 6))
+    for i, thruster in enumerate(spacecraft.thrusters):
+        direction = np.array(thruster.direction)
+        axis = np.zeros(3)
+        axis[int(np.argmin(np.abs(direction)))] = 1.0
+        first = np.cross(direction, axis)
+        first /= np.linalg.norm(first)
+        for k, across in enumerate((first, np.cross(direction, first))):
+            force = thruster.thrust * across
+            wrenches[k, i] = np.concatenate((force, np.cross(thruster.position, force)))
+    return wrenches
+
+
+@cache
+def _sorting_network(size: int) -> NDArray[np.int64]:
+    """Batcher's odd-even merge sort of ``size`` rows: (p, 2), pairs i < j to be put in order in turn."""
+    return np.array(list(_comparators(size)), dtype=np.int64).reshape(-1, 2)
+
+
+def _comparators(size: int) -> Iterator[tuple[int, int]]:
+    p = 1
+    while p < size:
+        k = p
+        while k >= 1:
+            for j in range(k % p, size - k, 2 * k):
+                for i in range(min(k, size - j - k)):
+                    if (i + j) // (2 * p) == (i + j + k) // (2 * p):
+                        yield i + j, i + j + k
+            k //= 2
+        p *= 2
