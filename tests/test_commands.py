@@ -17,8 +17,9 @@ def test_a_second_warmup_has_nothing_to_do(capsys):
     assert main(["warmup", "thruster_envs/PulseDiagnosis-v0"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert [line.partition("]")[2] for line in said[:-1]] == [
-        " 0/2 PulseDiagnosis-v0, single (0 kernels compiled)",
-        " 1/2 PulseDiagnosis-v0, batch (0 kernels compiled)",
+        " 0/3 PulseDiagnosis-v0, single (0 kernels compiled)",
+        " 1/3 PulseDiagnosis-v0, batch of 8 (0 kernels compiled)",
+        " 2/3 PulseDiagnosis-v0, large batch (0 kernels compiled)",
     ]
     assert said[-1].startswith("nothing was to be compiled")
     assert "kernels are kept in /" in said[-1]

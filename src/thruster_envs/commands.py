@@ -25,8 +25,8 @@ from thruster_envs.registration import ENVIRONMENTS, register_all
 from thruster_envs.spacecraft.files import catalogue
 
 PROGRAM = "thruster-envs"
-#: Worlds of the batch by which kernels for batches are compiled.
-_BATCH = 8
+#: Worlds of the batches by which kernels for batches are compiled: there are some for small ones.
+_WORLDS = {"batch of 8": 8, "large batch": 33}
 _STEPS = 2
 _FAULTS = [{"thruster": 1, "kind": "stuck_off"}]
 
@@ -154,7 +154,7 @@ class _Compilations(event.Listener):
 
 
 def _forms(identifier: str) -> Iterator[str]:
-    yield from ("single", "batch")
+    yield from ("single", *_WORLDS)
     if identifier in _PARALLEL and find_spec("pettingzoo") is not None:
         yield "parallel"
 
@@ -189,8 +189,8 @@ def _made(use: Use, configuration: dict[str, Any]) -> Any:
         from importlib import import_module
 
         return import_module(_PARALLEL[use.identifier]).parallel_env(**configuration)
-    if use.form == "batch":
-        return gym.make_vec(use.identifier, num_envs=_BATCH, **configuration)
+    if use.form in _WORLDS:
+        return gym.make_vec(use.identifier, num_envs=_WORLDS[use.form], **configuration)
     return gym.make(use.identifier, **configuration)
 
 

@@ -7,7 +7,6 @@ some worlds, writes where their craft start, commands duties and flies a period.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -30,7 +29,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
-from thruster_envs.physics.period import choose_period
+from thruster_envs.physics.period import choose_lanes, choose_period
 from thruster_envs.physics.sensing import (
     apply_first_sensor_faults,
     apply_sensor_faults,
@@ -53,13 +52,13 @@ from thruster_envs.physics.vehicle import (
 )
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.threads import run_shared
+from thruster_envs.threads import physical_cores, run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-#: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
-FEW_CRAFT, MANY_CRAFT = 6, 1024
+#: Threads pay from this many craft on.
+MANY_CRAFT = 1024
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class Fleet:
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
-        self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
+        self.lanes = choose_lanes(bodies, pulsed=spacecraft.discharge is not None)
         self.blocks = -(-bodies // self.lanes)
         self.rows = arrange_rows(spacecraft)
         self.data = np.zeros((self.blocks, self.rows.fields, self.lanes))
@@ -140,8 +139,7 @@ class Fleet:
             max_substep=max_substep,
         )  # fmt: skip
         self._kernel = choose_period(self.lanes, modulated=modulated, pulsed=False)
-        cores = os.cpu_count() or 1
-        wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+        wanted = threads if threads is not None else (physical_cores() if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
         #: The blocks that each thread works on: (first, one past the last).
