@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import FaultDistribution, as_faults
-from thruster_envs.faults.encoding import FAULT_FIELDS
+from thruster_envs.faults.encoding import FAULT_FIELDS, FIELD_SENSOR
 from thruster_envs.physics.attitude import conjugate, quaternion_product
 from thruster_envs.physics.fleet import check_flyable
 from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, discharge_of
@@ -175,7 +175,9 @@ class Missions:
         step, thruster = np.nonzero(self.thrust[mission, :, craft])
         capacitors = np.array([one.capacitor for one in self.spacecraft.thrusters])
         shares = np.empty((step.size, 3))
-        shares_of_firings(self.faults[mission, craft], step, thruster, capacitors, self.period, shares)
+        rows = self.faults[mission, craft]
+        of_thrusters = np.where(rows[:, FIELD_SENSOR, np.newaxis] > 0.0, 0.0, rows)
+        shares_of_firings(of_thrusters, step, thruster, capacitors, self.period, shares)
         return Discharges(
             step, thruster + 1, self.thrust[mission, step, craft, thruster],
             discharge.slug_mass * shares[:, 0], discharge.electrode_width * shares[:, 1], shares[:, 2],

@@ -104,7 +104,9 @@ def test_a_fault_changes_what_is_delivered_from_its_onset_on(kind, size, deliver
         np.testing.assert_allclose(flights.rate_change[flight], expected @ NOMINAL.T, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("kind", ["stuck_off", "stuck_on", "loss", "leak", "late_opening", "intermittent"])
+@pytest.mark.parametrize(
+    "kind", ["stuck_off", "stuck_on", "loss", "leak", "late_opening", "intermittent", "sign", "bias"]
+)
 def test_what_is_delivered_is_what_the_environments_deliver(kind):
     """The compiled flight of the environments, with the same commands and the same fault of any size."""
     faults = FaultDistribution(
@@ -468,6 +470,10 @@ def test_results_travel_as_json_markdown_and_a_picture(tmp_path):
         ({"bad_measurements": -0.1}, "bad_measurements is -0.1"),
         ({"longest": 2.0}, "longest is 2.0; above 0 and up to the duration of 1.0 s"),
         ({"faults": fails("misalignment")}, "faults has misalignment, which these flights do not model"),
+        (
+            {"faults": FaultDistribution(sensor_probability=0.5)},
+            "sensor_probability must be 0 in flights with one fault of a thruster each, got 0.5",
+        ),
     ],
 )
 def test_what_cannot_fly_is_refused_in_one_line(given, line):

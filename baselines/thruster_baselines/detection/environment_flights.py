@@ -133,6 +133,7 @@ class EnvironmentFlights:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ValueError(f"{name} is {value}; one or more would be right")
+        one_fault_each(self.faults)
         if "faults" in self.arguments:
             raise ValueError("arguments has 'faults'; the field `faults` of these flights would be right")
 

@@ -193,11 +193,7 @@ class RandomFlights:
                 f"longest is {self.longest}; above 0 and up to the duration of {self.duration} s would be "
                 "right"
             )
-        if self.faults.sensor_probability > 0.0:
-            raise ValueError(
-                "sensor_probability must be 0 for these flights, which have no faults of sensors, got "
-                f"{self.faults.sensor_probability:g}"
-            )
+        one_fault_each(self.faults)
         if "misalignment" in self.faults.kind_weights():
             raise ValueError(
                 "faults has misalignment, which these flights do not model; other kinds, or flights of an "
@@ -260,8 +256,17 @@ def joined(parts: Sequence[_Flights]) -> _Flights:
 
 
 def one_fault_each(faults: FaultDistribution) -> FaultDistribution:
-    """The same distribution, of which every world draws exactly one fault."""
-    return dataclasses.replace(faults, probability=1.0, count=(1, 1), sensor_probability=0.0)
+    """The same distribution, of which every world draws exactly one fault of a thruster.
+
+    Raises:
+        ValueError: One with faults of sensors, of which the truth of a flight has no place.
+    """
+    if faults.sensor_probability > 0.0:
+        raise ValueError(
+            "sensor_probability must be 0 in flights with one fault of a thruster each, got "
+            f"{faults.sensor_probability:g}"
+        )
+    return dataclasses.replace(faults, probability=1.0, count=(1, 1))
 
 
 def faults_of(faults: FaultDistribution, thrusters: int, seeds: Sequence[int], faulty: bool) -> FloatArray:

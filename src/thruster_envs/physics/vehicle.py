@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from thruster_envs.physics import firing
@@ -236,19 +235,16 @@ def open_batch(arrays):
 @njit(forceinline=True)
 def open_vehicle(parts):
     """The :class:`Vehicle` of the parts with which a kernel is called, as :func:`pack_vehicle` made them."""
-    thrusters, numbers, body = parts[0], parts[1], parts[3]
+    numbers, body = parts[1], parts[3]
     constants = Constants(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
         numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
-        numbers[16], numbers[17], numbers[18], to_fixed_tuple(numbers[19:], 18),
+        numbers[16], numbers[17], numbers[18], _drift(numbers[19:]),
     )  # fmt: skip
     return Vehicle(
-        Thrusters(
-            thrusters[0], thrusters[1], thrusters[2], thrusters[3], thrusters[4], thrusters[5], thrusters[6],
-            thrusters[7], thrusters[8], thrusters[9:],
-        ),
+        open_thrusters(parts[0]),
         constants,
-        at.Rows(*to_fixed_tuple(parts[2], _ROWS)),
+        _open_rows(parts[2]),
         Body(body[0], body[1], constants.mean_motion, body[2]),
         _open_valves(parts[4]),
         _open_modulator(parts[5]),
@@ -256,7 +252,28 @@ def open_vehicle(parts):
     )  # fmt: skip
 
 
-_ROWS = len(at.Rows._fields)
+@njit(forceinline=True)
+def open_thrusters(rows):
+    """The :class:`Thrusters` of (15, n) constants, as :func:`thruster_constants` gives them."""
+    return Thrusters(
+        rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8], rows[9:]
+    )
+
+
+@njit(forceinline=True)
+def _drift(d):
+    return (
+        d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], d[9], d[10], d[11], d[12], d[13], d[14], d[15],
+        d[16], d[17],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _open_rows(rows):
+    return at.Rows(
+        rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8], rows[9],
+        rows[10], rows[11], rows[12],
+    )  # fmt: skip
 
 
 @njit(forceinline=True)
@@ -270,7 +287,7 @@ def _open_valves(parts):
 def _open_modulator(numbers):
     if numbers is None:
         return None
-    return Modulation(*to_fixed_tuple(numbers, 5))
+    return Modulation(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4])
 
 
 @njit(forceinline=True)
@@ -327,7 +344,10 @@ def pack_vehicle(
 
 
 def _pack_valves(constants: FloatArray, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
-    thrusters = Thrusters(*constants[:9], constants[9:])
+    thrusters = Thrusters(
+        constants[0], constants[1], constants[2], constants[3], constants[4], constants[5], constants[6],
+        constants[7], constants[8], constants[9:],
+    )  # fmt: skip
     dynamic = bool(
         np.any(thrusters.opening_delay > 0.0)
         or np.any(thrusters.closing_delay > 0.0)

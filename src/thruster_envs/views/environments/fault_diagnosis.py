@@ -21,7 +21,8 @@ class FaultDiagnosisEnv(TaskEnv):
     control period the agent sees what was commanded and what was measured, and declares what it believes: no
     fault, or one thruster in one mode. What it declares changes nothing in the flight. It is judged by what
     acts at that moment; a fault that has just begun cannot be known, so a delay of at least one period is
-    the price of not guessing. Scatter of the thrust and coupling by the feed are what hides a fault.
+    the price of not guessing. Scatter of the thrust and coupling by the feed are what hides a fault. A fault
+    of a sensor misleads the pilot and the agent; as long as no thruster has one, it is right to declare none.
 
     ## Action Space
 
@@ -38,9 +39,9 @@ class FaultDiagnosisEnv(TaskEnv):
     - 0, dead: `stuck_off`, `loss` or `intermittent`, of severity 0.9 or more
     - 1, weak: the same, of severity from 0.5 to below 0.9
     - 2, slightly weak: the same, of severity below 0.5
-    - 3, leaking: `leak` or `stuck_on`, of severity below 0.5
-    - 4, stuck open: `leak` or `stuck_on`, of severity 0.5 or more
-    - 5, tilted or late: `misalignment` or `late_opening`
+    - 3, leaking: `leak`, `stuck_on` or `bias`, of severity below 0.5
+    - 4, stuck open: `leak`, `stuck_on` or `bias`, of severity 0.5 or more
+    - 5, tilted or late: `misalignment`, `late_opening` or `sign`
 
     ## Observation Space
 
