@@ -5,7 +5,7 @@ from thruster_envs.kernels import kernel
 
 @kernel
 def write_results(
-    terms, cost, over, fuel, score, success, begins, steps, advance, limit, numbers, flags, ends
+    terms, cost, over, fuel, score, success, begins, steps, limit, numbers, flags, ends
 ):  # fmt: skip
     """Write the results of all worlds, and count the worlds whose episode is over.
 
@@ -18,8 +18,7 @@ def write_results(
         success: (worlds, agents), not 0 for True.
         begins: (worlds,), worlds that have just begun an episode: terms and cost are 0 in them, nothing is
             over.
-        steps: (worlds,), steps of the episodes; advanced by ``advance`` in the worlds that do not begin one.
-        advance: 1 or 0.
+        steps: (worlds,), steps of the episodes.
         limit: Steps after which an episode is cut.
         numbers: (terms + 4, agents, worlds), filled: the terms, then cost, fuel, score, and the sum of the
             terms.
@@ -30,8 +29,6 @@ def write_results(
     count = 0
     for world in range(steps.shape[0]):
         running = not begins[world]
-        if running:
-            steps[world] += advance
         ends[0, world] = running and over[world] != 0.0
         ends[1, world] = running and steps[world] >= limit
         if ends[0, world] or ends[1, world]:

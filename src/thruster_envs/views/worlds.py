@@ -218,18 +218,19 @@ class Worlds:
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
+        self.steps += 1
         if begins is None:
-            return self._results(self._nobody, 1)
+            return self._results(self._nobody)
         which = np.flatnonzero(begins)
         if which.size:
             self.reset(which)
-        return self._results(begins, 1)
+        return self._results(begins)
 
     def now(self) -> Step:
         """What a reset gives: what can be seen, and reward terms and costs of 0."""
-        return self._results(self._everybody, 0)
+        return self._results(self._everybody)
 
-    def _results(self, begins: NDArray[np.bool_], advance: int) -> Step:
+    def _results(self, begins: NDArray[np.bool_]) -> Step:
         """What there is to say after a step, or without one; of worlds that begin an episode its start."""
         outcome, truth = self.task.outcome(self.state), self.task.truth(self.state)
         worlds, agents, _ = self._shape
@@ -238,7 +239,7 @@ class Worlds:
         limit = _NO_LIMIT if self.max_episode_steps is None else self.max_episode_steps
         ended = write_results(
             outcome.reward_terms, outcome.cost, outcome.terminated, truth.fuel, truth.score, truth.success,
-            begins, self.steps, advance, limit, numbers, flags, ends,
+            begins, self.steps, limit, numbers, flags, ends,
         )  # fmt: skip
         active = self.fleet.active(self.steps, self.task.first_commanded, agents)
         stale = self.fleet.stale()[:, self._commanded]
