@@ -131,7 +131,9 @@ def test_a_parallel_environment_tells_each_craft_of_its_own_sensors(module):
     for _ in range(2):
         sensors = [int(infos[agent]["fault"]["sensor"][0]) for agent in env.agents]
         assert sum(sensors) == SENSORS.index("rate") + 1
-        observations, *_, infos = env.step({agent: 0 * env.action_space(agent).low for agent in env.agents})
+        observations, *_, infos = env.step(
+            {agent: 0 * env.action_space(agent).sample() for agent in env.agents}
+        )
         stale = [infos[agent]["stale"].tolist() for agent in env.agents]
         assert stale.count([False, False, False, True]) == 1
         assert all(np.isfinite(one).all() for one in observations.values())
