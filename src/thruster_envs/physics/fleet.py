@@ -7,7 +7,6 @@ some worlds, writes where their craft start, commands duties and flies a period.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -32,7 +31,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
-from thruster_envs.physics.period import choose_period
+from thruster_envs.physics.period import choose_lanes, choose_period
 from thruster_envs.physics.pulsed_craft import MEASURED, PulsedFlight
 from thruster_envs.physics.sensing import (
     apply_first_sensor_faults,
@@ -57,13 +56,13 @@ from thruster_envs.physics.vehicle import (
 )
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.threads import run_shared
+from thruster_envs.threads import physical_cores, run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-#: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
-FEW_CRAFT, MANY_CRAFT = 6, 1024
+#: Threads pay from this many craft on.
+MANY_CRAFT = 1024
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ class Fleet:
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
-        self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
+        self.lanes = choose_lanes(bodies, pulsed=spacecraft.discharge is not None)
         self.blocks = -(-bodies // self.lanes)
         self.rows = arrange_rows(spacecraft)
         self.data = np.zeros((self.blocks, self.rows.fields, self.lanes))
@@ -157,12 +156,13 @@ class Fleet:
             pulses=None if pulsed is None else pack_pulses(pulsed.pulses_of(spacecraft, max_substep)),
         )
         self._kernel = choose_period(self.lanes, self.vehicle)
-        cores = os.cpu_count() or 1
-        wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+        wanted = threads if threads is not None else (physical_cores() if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
         #: The blocks that each thread works on: (first, one past the last).
         self.shares: list[tuple[int, int]] = list(pairwise(edges))
+        edges = np.linspace(0, worlds, self.threads + 1).astype(int).tolist()
+        self._world_shares: list[tuple[int, int]] = list(pairwise(edges))
 
     def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
         """Faults in the form in which :meth:`begin` takes them.
@@ -320,8 +320,7 @@ class Fleet:
         if self.threads == 1:
             work(0, self.worlds)
         else:
-            edges = np.linspace(0, self.worlds, self.threads + 1).astype(int).tolist()
-            run_shared(work, list(pairwise(edges)))
+            run_shared(work, self._world_shares)
 
     # Reading and writing by world and craft ------------------------------------------------------------
 
@@ -337,17 +336,16 @@ class Fleet:
         for body in range(flat.shape[0]):
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
-    def fault_rows(self) -> FloatArray:
-        """A copy of the encoded faults, (worlds, craft, slots, 13)."""
-        rows = self.faults[..., : len(code.FAULT_FIELDS)] + self.sensor_faults  # all but one are empty
+    def fault_rows(self, which: NDArray[np.int64] | None = None) -> FloatArray:
+        """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 13)."""
+        worlds = self.everyone if which is None else which
+        bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
+        places = bodies // self.lanes, bodies % self.lanes
+        rows: FloatArray = self.faults[places][..., : len(code.FAULT_FIELDS)]
+        rows += self.sensor_faults[places]  # all but one are empty
         if self.storage_faults is not None:
-            rows += self.storage_faults
-        rows = rows.reshape(-1, self.slots, len(code.FAULT_FIELDS))
-        return (
-            rows[: self.worlds * self.craft]
-            .reshape(self.worlds, self.craft, self.slots, rows.shape[-1])
-            .copy()
-        )
+            rows += self.storage_faults[places]
+        return rows
 
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
@@ -361,6 +359,20 @@ class Fleet:
         if self.storage_faults is not None:
             _struck(self.storage_faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
+
+    def active(self, steps: NDArray[np.int64], first: int, count: int) -> BoolArray:
+        """Which of the encoded faults act after ``steps`` (worlds,) periods: (worlds, count, slots).
+
+        Of ``count`` craft of each world from ``first`` on.
+        """
+        active = np.zeros((self.worlds, count, self.slots), np.bool_)
+        period = self.spacecraft.control_period
+        _active(self.faults, steps, period, self.craft, first, active)
+        if self.sensors_fail:
+            _active(self.sensor_faults, steps, period, self.craft, first, active)
+        if self.storage_faults is not None:
+            _active(self.storage_faults, steps, period, self.craft, first, active)
+        return active
 
     def stale(self) -> BoolArray:
         """Of which sensors the last measurement dropped out: (worlds, craft, sensors).
@@ -550,6 +562,18 @@ def _struck(faults, time, strikes):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             for slot in range(strikes.shape[2]):
                 strikes[world, c, slot] |= health.is_between(faults[b, w, slot], time[world])
+
+
+@kernel
+def _active(faults, steps, period, craft, first, active):
+    lanes = faults.shape[1]
+    for world in range(active.shape[0]):
+        time = steps[world] * period
+        for c in range(active.shape[1]):
+            body = world * craft + first + c
+            b, w = body // lanes, body % lanes
+            for slot in range(active.shape[2]):
+                active[world, c, slot] |= health.is_between(faults[b, w, slot], time)
 
 
 @kernel

@@ -98,7 +98,8 @@ def compile_period(lanes: int) -> Any:
     def fly_period(arrays, parts, move, first, last):
         batch, vehicle = open_batch(arrays), open_vehicle(parts)
         n, slots, constants = vehicle.rows.thrusters, batch.faults.shape[2], vehicle.constants
-        corners = firing.CORNERS_WITH_DYNAMICS * n + firing.FAULT_CORNERS * slots
+        of_valve = firing.CORNERS_WITH_DYNAMICS if vehicle.valves.dynamic else firing.CORNERS
+        corners = of_valve * n + firing.FAULT_CORNERS * slots
         # Rows of a schedule: beside one for each corner,
         room = int(min(2.0 * constants.period / constants.short_substep, _ROOM)) + 2
         work = _Work(

@@ -57,31 +57,33 @@ class Feature:
 
 
 class Outcome(NamedTuple):
-    """What a step was worth, in every world for every agent.
+    """What a step was worth, in every world for every agent; views of a state's arrays are fine.
 
     Attributes:
         reward_terms: (worlds, agents, terms), in the order of ``Task.reward_terms``; they sum to the reward.
         cost: (worlds, agents), constraint violation, at least 0, apart from the reward.
-        terminated: (worlds,), whether the episode has come to its own end.
+        terminated: (worlds,), whether the episode has come to its own end: booleans, or numbers that are not
+            0 where it has.
     """
 
     reward_terms: FloatArray
     cost: FloatArray
-    terminated: NDArray[np.bool_]
+    terminated: NDArray[Any]
 
 
 class Truth(NamedTuple):
-    """What ``info`` may show of a world beyond faults.
+    """What ``info`` may show of a world beyond faults; views of a state's arrays are fine.
 
     Attributes:
         fuel: (worlds, agents), thruster-seconds of open valve since the reset.
         score: (worlds, agents), 0..1, how well the episode went so far; at its end, how well it went.
-        success: (worlds, agents), whether it would count as a success if it ended now.
+        success: (worlds, agents), whether it would count as a success if it ended now: booleans, or numbers
+            that are not 0 where it would.
     """
 
     fuel: FloatArray
     score: FloatArray
-    success: NDArray[np.bool_]
+    success: NDArray[Any]
 
 
 def check_whole(name: str, value: Any, low: int, high: int) -> None:
@@ -140,6 +142,10 @@ class TaskState:
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
                 yield one.name, value
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied or pickled: the fields, and no cached views, which would be views of nothing."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that a later step depends on."""

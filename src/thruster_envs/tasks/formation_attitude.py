@@ -281,15 +281,13 @@ class FormationAttitude(Task):
     def outcome(self, state: FormationAttitudeState) -> Outcome:
         """Terminates for all when a craft is lost."""
         account = self._account(state)
-        return Outcome(account[..., : _PULSES + 1].copy(), account[..., _COST].copy(), state.over > 0.0)
+        return Outcome(account[..., : _PULSES + 1], account[..., _COST], state.over)
 
     def truth(self, state: FormationAttitudeState) -> Truth:
         """Half of the score is the share of the turn that is done, half that of the requirements met."""
-        account, sound = self._account(state), state.over[:, np.newaxis] == 0.0
-        done = 1.0 - account[..., _ANGLE] / np.maximum(account[..., _FIRST_ANGLE], _LEAST)
-        score = np.where(sound, 0.5 * np.clip(done, 0.0, 1.0) + account[..., _MET] / 12.0, 0.0)
-        success = sound & (account[..., _MET] == 6.0) & (account[..., _SETTLED] < SETTLING_LIMIT)
-        return Truth(account[..., _OPEN_TIME].copy(), score, success)
+        fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
+        _rate(self._account(state), state.over, fuel, score, success)
+        return Truth(fuel, score, success)
 
     def report(self, state: FormationAttitudeState) -> dict[str, dict[str, NDArray[Any]]]:
         """How far each craft is from its target, and how long it took to settle there."""
@@ -439,6 +437,18 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
                 data[b, at.DUTIES + i, w] = 1.0 if fires else 0.0
             for i in range(n):
                 debt[i] = max(debt[i] - data[b, at.DUTIES + i, w], 0.0)
+
+
+@kernel
+def _rate(account, over, fuel, score, success):
+    """Fuel, score and success of every agent, (worlds, agents) each."""
+    for world in range(score.shape[0]):
+        for agent in range(score.shape[1]):
+            mine, sound = account[world, agent], over[world] == 0.0
+            done = 1.0 - mine[_ANGLE] / max(mine[_FIRST_ANGLE], _LEAST)
+            fuel[world, agent] = mine[_OPEN_TIME]
+            score[world, agent] = 0.5 * min(max(done, 0.0), 1.0) + mine[_MET] / 12.0 if sound else 0.0
+            success[world, agent] = sound and mine[_MET] == 6.0 and mine[_SETTLED] < SETTLING_LIMIT
 
 
 @kernel(nogil=True)
