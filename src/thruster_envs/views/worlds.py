@@ -227,10 +227,10 @@ class Worlds:
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
         if self.watcher is not None:
-            over = self.task.outcome(self.state).terminated
-            self.watcher(
-                over if self.max_episode_steps is None else over | (self.steps >= self.max_episode_steps)
-            )
+            over = self.task.outcome(self.state).terminated.astype(np.bool_)
+            if self.max_episode_steps is not None:
+                over |= self.steps >= self.max_episode_steps
+            self.watcher(over)
         if begins is None:
             return self._results(self._nobody)
         which = np.flatnonzero(begins)
