@@ -16,7 +16,16 @@ from thruster_agents.commands import check_file, check_folder, run_command
 
 PROGRAM = "python -m benchmarks"
 #: Each is a module of this package whose ``measure(effort)`` gives a section.
-SECTIONS = ("environments", "peers", "learning", "mapping", "detection", "navigation", "formation")
+SECTIONS = (
+    "environments",
+    "cartpole",
+    "peers",
+    "learning",
+    "mapping",
+    "detection",
+    "navigation",
+    "formation",
+)
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 
 

@@ -276,7 +276,7 @@ def _threads(effort: Effort, worlds: int) -> list[Row]:
         for threads in flights
     ] + [
         Row(
-            f"{worlds:,} worlds, 2 threads over 1", gain, "times", AtLeast(1.7),
+            f"{worlds:,} worlds, 2 threads over 1", gain, "times", AtLeast(1.75),
             explain=lambda: profile(flights[2], 3 if effort.quick else 50),
         )
     ]  # fmt: skip

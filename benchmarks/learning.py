@@ -72,7 +72,7 @@ def _rows(task: str, worlds: int, effort: Effort) -> list[Row]:
             explain=explain,
         ),
         Row(
-            f"PPO on {task}, share of the environment", statistics.median(shares), "%", AtMost(15.0),
+            f"PPO on {task}, share of the environment", statistics.median(shares), "%", AtMost(10.0),
             note="`step_wait` of the adapter: conversion, step, infos", explain=explain,
         ),
     ]  # fmt: skip

@@ -17,6 +17,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from benchmarks.cartpole import cart_pole, cart_poles
 from benchmarks.environments import ONE_DEAD, TASK, BatchFlight, calm_flight
 from benchmarks.numpy_flight import NumpyFlight
 from benchmarks.report import Row, Section, number, version
@@ -88,7 +89,7 @@ def _one_by_one() -> dict[str, Contestant]:
         "OrionRendezvous-v0, one world, `gym.make`": Contestant(
             calm_flight(gym.make(TASK, faults=ONE_DEAD)), own=True
         ),
-        "CartPole-v1, `gym.make`": Contestant(_cart_pole()),
+        "CartPole-v1, `gym.make`": Contestant(cart_pole()),
     }
     if importlib.util.find_spec("Basilisk") is not None:
         note = f"bsk {version('bsk')}, a step is a control period of 5 s"
@@ -97,35 +98,16 @@ def _one_by_one() -> dict[str, Contestant]:
 
 
 def _batches(worlds: int) -> dict[str, Contestant]:
-    poles: Any = gym.make_vec("CartPole-v1", num_envs=worlds, vectorization_mode="vector_entry_point")
-    poles.reset(seed=0)
-    pushes = np.random.default_rng(0).integers(0, 2, worlds)
     contestants = {
         f"OrionRendezvous-v0, {worlds:,} worlds, all kinds of fault": Contestant(
             BatchFlight(worlds), worlds, own=True
         ),
-        f"CartPole-v1, vector form, {worlds:,} worlds": Contestant(lambda: poles.step(pushes), worlds),
+        f"CartPole-v1, vector form, {worlds:,} worlds": Contestant(cart_poles(worlds), worlds),
     }
     if importlib.util.find_spec("vmas") is not None:
         note = f"vmas {version('vmas')}, four agents a world"
         contestants[f"VMAS navigation, {worlds:,} worlds"] = Contestant(_vmas(worlds), worlds, note)
     return contestants
-
-
-def _cart_pole() -> Callable[[], None]:
-    env = gym.make("CartPole-v1")
-    env.reset(seed=0)
-    pushes = np.random.default_rng(0).integers(0, 2, 1024).tolist()
-    count = 0
-
-    def step() -> None:
-        nonlocal count
-        count += 1
-        _, _, terminated, truncated, _ = env.step(pushes[count % 1024])
-        if terminated or truncated:
-            env.reset()
-
-    return step
 
 
 def _flights(craft: int) -> dict[str, Contestant]:

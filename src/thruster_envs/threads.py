@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 
 from numba.core.compiler_lock import global_compiler_lock
 
@@ -58,3 +59,22 @@ if hasattr(os, "register_at_fork"):
         after_in_parent=global_compiler_lock.release,
         after_in_child=global_compiler_lock.release,
     )
+
+
+@cache
+def physical_cores() -> int:
+    """Cores that this process may run on, each counted once however many threads of hardware it has.
+
+    Where the system does not say, every processor counts as a core.
+    """
+    processors = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    return len({_core(processor) for processor in processors})
+
+
+def _core(processor: int) -> str:
+    """What names the core of a processor: the list of those that share it, or its own number."""
+    siblings = Path(f"/sys/devices/system/cpu/cpu{processor}/topology/thread_siblings_list")
+    try:
+        return siblings.read_text(encoding="ascii").strip() or str(processor)
+    except OSError:
+        return str(processor)

@@ -7,12 +7,12 @@ some worlds, writes where their craft start, commands duties and flies a period.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
@@ -25,12 +25,14 @@ from thruster_envs.faults import (
     encode,
 )
 from thruster_envs.faults import encoding as code
+from thruster_envs.faults.kinds import GYRO_KINDS, WHEEL_KINDS
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
-from thruster_envs.physics.period import choose_period
+from thruster_envs.physics.period import choose_lanes, choose_period
+from thruster_envs.physics.pulsed_craft import MEASURED, PulsedFlight
 from thruster_envs.physics.sensing import (
     apply_first_sensor_faults,
     apply_sensor_faults,
@@ -46,6 +48,7 @@ from thruster_envs.physics.vehicle import (
     STANDARD_GRAVITY,
     arrange_rows,
     open_vehicle,
+    pack_pulses,
     pack_vehicle,
     scalar_constants,
     spin_up,
@@ -53,13 +56,13 @@ from thruster_envs.physics.vehicle import (
 )
 from thruster_envs.random import RESET, normal_pair, philox
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.threads import run_shared
+from thruster_envs.threads import physical_cores, run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-#: A batch of fewer craft than this is kept in blocks of one; threads pay from this many craft on.
-FEW_CRAFT, MANY_CRAFT = 6, 1024
+#: Threads pay from this many craft on.
+MANY_CRAFT = 1024
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,12 @@ class Fleet:
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows those of any thruster, and
-            those of a modulator where the spacecraft has one.
-        sensors: The sensors whose faults have a meaning for what flies the fleet.
+        kinds: Kinds of fault that what flies the fleet knows; None for those of the actuators that the
+            spacecraft has.
+        sensors: The sensors whose faults have a meaning for what flies the fleet; None for all that measure
+            something.
+        pulsed: Given, thrusters fire as pulsed plasma thrusters do, and the craft only turn; None lets them
+            fire as their valves or their modulator do.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
@@ -110,16 +116,16 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
-        kinds: tuple[str, ...] = THRUSTER_KINDS,
-        sensors: tuple[str, ...] = SENSORS,
+        kinds: tuple[str, ...] | None = None,
+        sensors: tuple[str, ...] | None = None,
+        pulsed: PulsedFlight | None = None,
     ) -> None:
-        modulated = spacecraft.modulator is not None
-        self.sensors = sensors
-        self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
+        self.kinds = _kinds_of(spacecraft, pulsed) if kinds is None else kinds
+        self.sensors = (SENSORS if pulsed is None else MEASURED) if sensors is None else sensors
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
-        self.lanes = 1 if bodies < FEW_CRAFT else at.LANES
+        self.lanes = choose_lanes(bodies, pulsed=spacecraft.discharge is not None)
         self.blocks = -(-bodies // self.lanes)
         self.rows = arrange_rows(spacecraft)
         self.data = np.zeros((self.blocks, self.rows.fields, self.lanes))
@@ -133,19 +139,30 @@ class Fleet:
         self.data[:, at.MASS] = spacecraft.mass
         self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
         self._tilts = tilted_wrenches(spacecraft)
-        self.arrays = (self.data, self.faults, self.streams)
+        self.storage_faults = np.zeros_like(self.sensor_faults) if spacecraft.stores_momentum else None
+        if self.storage_faults is not None:
+            self.saved = (*self.saved, "storage_faults")
+        self.arrays = (self.data, self.faults, self.streams, self.storage_faults)
+        #: (n,), number of the capacitor of each thruster; 0 without one.
+        self.capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        constants = scalar_constants(spacecraft, max_substep)
         #: What the kernels take of the vehicle.
         self.vehicle = pack_vehicle(
-            spacecraft, scalar_constants(spacecraft, max_substep), slots=slots, nonlinear=nonlinear,
+            spacecraft,
+            constants if pulsed is None else pulsed.turning(constants, spacecraft, slots),
+            slots=slots,
+            nonlinear=nonlinear,
             max_substep=max_substep,
-        )  # fmt: skip
-        self._kernel = choose_period(self.lanes, modulated=modulated, pulsed=False)
-        cores = os.cpu_count() or 1
-        wanted = threads if threads is not None else (cores if bodies >= MANY_CRAFT else 1)
+            pulses=None if pulsed is None else pack_pulses(pulsed.pulses_of(spacecraft, max_substep)),
+        )
+        self._kernel = choose_period(self.lanes, self.vehicle)
+        wanted = threads if threads is not None else (physical_cores() if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
         #: The blocks that each thread works on: (first, one past the last).
         self.shares: list[tuple[int, int]] = list(pairwise(edges))
+        edges = np.linspace(0, worlds, self.threads + 1).astype(int).tolist()
+        self._world_shares: list[tuple[int, int]] = list(pairwise(edges))
 
     def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
         """Faults in the form in which :meth:`begin` takes them.
@@ -174,7 +191,18 @@ class Fleet:
                     f"{source.count} and {source.sensor_count}"
                 )
         else:
-            rows, table = encode(source, self.craft, n, self.slots, spare=spare), np.zeros(1)
+            rows, table = (
+                encode(
+                    source,
+                    self.craft,
+                    n,
+                    self.slots,
+                    spare=spare,
+                    wheels=self.rows.number_of_wheels,
+                    gyros=self.rows.number_of_gyros,
+                ),
+                np.zeros(1),
+            )
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
             of_sensors = any(fault.sensor is not None for fault in source)
@@ -212,6 +240,12 @@ class Fleet:
                 )
             if kind not in self.kinds:
                 raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
+        stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
+        if stored and isinstance(source, FaultDistribution):
+            raise ValueError(
+                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and "
+                "gyros stand in a list of faults"
+            )
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
                 f"shared is True, and here no thrusters of {name!r} share a capacitor; "
@@ -241,6 +275,12 @@ class Fleet:
             (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
             (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
+        if self.storage_faults is not None:
+            _begin_storage(
+                self.arrays, self.vehicle, which, self.craft,
+                np.array([one.initial_speed for one in self.spacecraft.reaction_wheels], np.float64),
+                np.array([one.initial_angle for one in self.spacecraft.control_moment_gyros], np.float64),
+            )  # fmt: skip
         if self.spacecraft.modulator is not None:
             modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.rows.phase)
 
@@ -280,8 +320,7 @@ class Fleet:
         if self.threads == 1:
             work(0, self.worlds)
         else:
-            edges = np.linspace(0, self.worlds, self.threads + 1).astype(int).tolist()
-            run_shared(work, list(pairwise(edges)))
+            run_shared(work, self._world_shares)
 
     # Reading and writing by world and craft ------------------------------------------------------------
 
@@ -297,15 +336,16 @@ class Fleet:
         for body in range(flat.shape[0]):
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
-    def fault_rows(self) -> FloatArray:
-        """A copy of the encoded faults, (worlds, craft, slots, 13)."""
-        rows = self.faults[..., : len(code.FAULT_FIELDS)] + self.sensor_faults  # one of them is empty
-        rows = rows.reshape(-1, self.slots, len(code.FAULT_FIELDS))
-        return (
-            rows[: self.worlds * self.craft]
-            .reshape(self.worlds, self.craft, self.slots, rows.shape[-1])
-            .copy()
-        )
+    def fault_rows(self, which: NDArray[np.int64] | None = None) -> FloatArray:
+        """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 13)."""
+        worlds = self.everyone if which is None else which
+        bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
+        places = bodies // self.lanes, bodies % self.lanes
+        rows: FloatArray = self.faults[places][..., : len(code.FAULT_FIELDS)]
+        rows += self.sensor_faults[places]  # all but one are empty
+        if self.storage_faults is not None:
+            rows += self.storage_faults[places]
+        return rows
 
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
@@ -316,7 +356,23 @@ class Fleet:
         _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
         if self.sensors_fail:
             _struck(self.sensor_faults, np.asarray(time, dtype=np.float64), strikes)
+        if self.storage_faults is not None:
+            _struck(self.storage_faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
+
+    def active(self, steps: NDArray[np.int64], first: int, count: int) -> BoolArray:
+        """Which of the encoded faults act after ``steps`` (worlds,) periods: (worlds, count, slots).
+
+        Of ``count`` craft of each world from ``first`` on.
+        """
+        active = np.zeros((self.worlds, count, self.slots), np.bool_)
+        period = self.spacecraft.control_period
+        _active(self.faults, steps, period, self.craft, first, active)
+        if self.sensors_fail:
+            _active(self.sensor_faults, steps, period, self.craft, first, active)
+        if self.storage_faults is not None:
+            _active(self.storage_faults, steps, period, self.craft, first, active)
+        return active
 
     def stale(self) -> BoolArray:
         """Of which sensors the last measurement dropped out: (worlds, craft, sensors).
@@ -342,7 +398,7 @@ class Fleet:
         return np.where(flown, opens + self.spacecraft.control_period - opening, 0.0)
 
     #: Names of the arrays that a later period depends on.
-    saved = ("data", "faults", "sensor_faults", "streams")
+    saved: tuple[str, ...] = ("data", "faults", "sensor_faults", "streams")
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that a later period depends on, as copies."""
@@ -353,6 +409,19 @@ class Fleet:
         for name, array in state.items():
             getattr(self, name)[...] = array
         self.sensors_fail = bool(self.sensor_faults.any())
+
+
+def _kinds_of(spacecraft: Spacecraft, pulsed: PulsedFlight | None) -> tuple[str, ...]:
+    """Kinds of fault of the actuators that a spacecraft has."""
+    kinds = THRUSTER_KINDS
+    for has, more in (
+        (pulsed is not None, DISCHARGE_KINDS),
+        (spacecraft.modulator is not None, MODULATOR_KINDS),
+        (spacecraft.reaction_wheels, WHEEL_KINDS),
+        (spacecraft.control_moment_gyros, GYRO_KINDS),
+    ):
+        kinds += more if has else ()
+    return kinds
 
 
 #: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.
@@ -415,7 +484,8 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 @kernel
 def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
-    (data, faults, streams), (wrenches, tilts), (encoded, table, drawn) = arrays, nominal, plan
+    data, faults, streams, storage_faults = arrays
+    (wrenches, tilts), (encoded, table, drawn) = nominal, plan
     sensor_faults, sensors_fail = of_sensors
     at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
     slots = faults.shape[2]
@@ -442,11 +512,13 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
             for slot in range(slots):
                 row = fresh[c, slot]
                 of_sensor = row[code.FIELD_SENSOR] > 0.0
+                stores = not of_sensor and health.is_of_storage(row[code.FIELD_KIND])
+                _put_storage_fault(storage_faults, b, w, slot, row, stores, width)
                 if sensors_fail:
                     for column in range(width):
                         sensor_faults[b, w, slot, column] = row[column] if of_sensor else 0.0
                 for column in range(width):
-                    faults[b, w, slot, column] = 0.0 if of_sensor else row[column]
+                    faults[b, w, slot, column] = 0.0 if of_sensor or stores else row[column]
                 i = int(faults[b, w, slot, code.FIELD_THRUSTER])
                 if i >= n:  # drawn of the redundant branch, which is not in use yet
                     i -= n
@@ -459,6 +531,29 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
                     )
 
 
+@njit(forceinline=True)
+def _put_storage_fault(storage_faults, b, w, slot, row, stores, width):
+    """Keep the fault of a wheel or gyro, or empty its slot; nothing where the craft have none of these."""
+    if storage_faults is not None:
+        for column in range(width):
+            storage_faults[b, w, slot, column] = row[column] if stores else 0.0
+
+
+@kernel
+def _begin_storage(arrays, parts, which, craft, speeds, angles):
+    """Put rotors and gimbals of some worlds to their speeds and angles at the start."""
+    data, rows, lanes = arrays[0], open_vehicle(parts).rows, arrays[0].shape[2]
+    for world in which:
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            for i in range(speeds.shape[0]):
+                data[b, rows.wheel_speeds + i, w] = speeds[i]
+                data[b, rows.measured_speeds + i, w] = speeds[i]
+            for j in range(angles.shape[0]):
+                data[b, rows.gimbal_angles + j, w] = angles[j]
+                data[b, rows.measured_angles + j, w] = angles[j]
+
+
 @kernel
 def _struck(faults, time, strikes):
     lanes, craft = faults.shape[1], strikes.shape[1]
@@ -467,6 +562,18 @@ def _struck(faults, time, strikes):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             for slot in range(strikes.shape[2]):
                 strikes[world, c, slot] |= health.is_between(faults[b, w, slot], time[world])
+
+
+@kernel
+def _active(faults, steps, period, craft, first, active):
+    lanes = faults.shape[1]
+    for world in range(active.shape[0]):
+        time = steps[world] * period
+        for c in range(active.shape[1]):
+            body = world * craft + first + c
+            b, w = body // lanes, body % lanes
+            for slot in range(active.shape[2]):
+                active[world, c, slot] |= health.is_between(faults[b, w, slot], time)
 
 
 @kernel

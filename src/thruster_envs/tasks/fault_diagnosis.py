@@ -286,16 +286,14 @@ class FaultDiagnosis(Task):
 
     def outcome(self, state: DiagnosisState) -> Outcome:
         """Terminates when the flight is lost."""
-        account = state.account
-        terms, cost = account[:, np.newaxis, : len(self.reward_terms)], account[:, _COST : _COST + 1]
-        return Outcome(terms.copy(), cost.copy(), account[:, _OVER] > 0.0)
+        account = state.account[:, np.newaxis]
+        return Outcome(account[..., : len(self.reward_terms)], account[..., _COST], state.account[:, _OVER])
 
     def truth(self, state: DiagnosisState) -> Truth:
         """The score is the mean credit under a fault times the share of sound time without a false alarm."""
-        worlds = state.fleet.worlds
-        score, success = np.empty((worlds, 1)), np.empty((worlds, 1), np.bool_)
-        _rate(state.account, state.declared, score, success)
-        return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, success)
+        fuel, score, success = np.empty((3, state.fleet.worlds, 1))
+        _rate(state.fleet.data, state.account, state.declared, fuel, score, success)
+        return Truth(fuel, score, success)
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and what would be right to declare now."""
@@ -486,9 +484,11 @@ def _settle(data, streams, limits, slots, declared, account, first, last):
 
 
 @kernel
-def _rate(account, declared, score, success):
-    """Score and success of every world, (worlds, 1) both."""
+def _rate(data, account, declared, fuel, score, success):
+    """Fuel, score and success of every world, (worlds, 1) each."""
     for world in range(account.shape[0]):
+        b, w = place(world, 0, 1, data.shape[2])
+        fuel[world, 0] = data[b, at.OPEN_TIME, w]
         row = account[world]
         credit = row[_CREDIT] / row[_FAULTY] if row[_FAULTY] > 0.0 else 1.0
         quiet = 1.0 - row[_FALSE_STEPS] / row[_HEALTHY] if row[_HEALTHY] > 0.0 else 1.0

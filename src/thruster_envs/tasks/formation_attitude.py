@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, check_torques, discharge_of
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, check_torques, discharge_of
 from thruster_envs.physics.vehicle import open_vehicle
 from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.spacecraft.description import Vector
@@ -86,7 +87,7 @@ class FormationAttitudeModel:
 class FormationAttitudeState(TaskState):
     """Arrays of a batch: targets, pulses owed and accounts."""
 
-    fleet: PulsedFleet
+    fleet: Fleet
     model: FormationAttitudeModel
     targets: FloatArray  # (worlds, craft, 4), attitude from the leader's body; the leader's from the frame
     owed: FloatArray  # (worlds, craft, n), pulses commanded by duties and not fired yet
@@ -112,7 +113,7 @@ class FormationAttitude(Task):
         gravity_gradient: Whether the gravity gradient acts.
         bias_torque: A constant torque on every craft, N m, body axes.
         fault_bias: Torque that comes with a fault of a discharge, N m, for one that takes thrust and one that
-            adds some; see :data:`thruster_envs.physics.pulsed_fleet.REPORTED_FAULT_BIAS`.
+            adds some; see :data:`thruster_envs.physics.pulsed_craft.REPORTED_FAULT_BIAS`.
         rate_soft_limit: Body rate above which ``cost`` counts, rad/s.
         rate_limit: Body rate at which a craft is lost, rad/s.
         balance_price: What it costs to have used twice the formation's mean or more, per step; an error of
@@ -214,10 +215,12 @@ class FormationAttitude(Task):
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
         """Arrays for that many worlds."""
         vehicle, craft = self.vehicle, self.craft
-        fleet = PulsedFleet(
-            vehicle, worlds, craft, slots=self.fault_slots, gravity_gradient=self.gravity_gradient,
-            bias_torque=self.bias_torque, fault_bias=self.fault_bias, max_substep=self.max_substep,
-            threads=threads,
+        fleet = Fleet(
+            vehicle, worlds, craft, slots=self.fault_slots, max_substep=self.max_substep, threads=threads,
+            pulsed=PulsedFlight(
+                gravity_gradient=self.gravity_gradient, bias_torque=self.bias_torque,
+                fault_bias=self.fault_bias,
+            ),
         )  # fmt: skip
         angles = np.radians([self.roll_degrees, self.pitch_degrees, self.yaw_degrees])
         limits = np.array(
@@ -278,15 +281,13 @@ class FormationAttitude(Task):
     def outcome(self, state: FormationAttitudeState) -> Outcome:
         """Terminates for all when a craft is lost."""
         account = self._account(state)
-        return Outcome(account[..., : _PULSES + 1].copy(), account[..., _COST].copy(), state.over > 0.0)
+        return Outcome(account[..., : _PULSES + 1], account[..., _COST], state.over)
 
     def truth(self, state: FormationAttitudeState) -> Truth:
         """Half of the score is the share of the turn that is done, half that of the requirements met."""
-        account, sound = self._account(state), state.over[:, np.newaxis] == 0.0
-        done = 1.0 - account[..., _ANGLE] / np.maximum(account[..., _FIRST_ANGLE], _LEAST)
-        score = np.where(sound, 0.5 * np.clip(done, 0.0, 1.0) + account[..., _MET] / 12.0, 0.0)
-        success = sound & (account[..., _MET] == 6.0) & (account[..., _SETTLED] < SETTLING_LIMIT)
-        return Truth(account[..., _OPEN_TIME].copy(), score, success)
+        fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
+        _rate(self._account(state), state.over, fuel, score, success)
+        return Truth(fuel, score, success)
 
     def report(self, state: FormationAttitudeState) -> dict[str, dict[str, NDArray[Any]]]:
         """How far each craft is from its target, and how long it took to settle there."""
@@ -436,6 +437,18 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
                 data[b, at.DUTIES + i, w] = 1.0 if fires else 0.0
             for i in range(n):
                 debt[i] = max(debt[i] - data[b, at.DUTIES + i, w], 0.0)
+
+
+@kernel
+def _rate(account, over, fuel, score, success):
+    """Fuel, score and success of every agent, (worlds, agents) each."""
+    for world in range(score.shape[0]):
+        for agent in range(score.shape[1]):
+            mine, sound = account[world, agent], over[world] == 0.0
+            done = 1.0 - mine[_ANGLE] / max(mine[_FIRST_ANGLE], _LEAST)
+            fuel[world, agent] = mine[_OPEN_TIME]
+            score[world, agent] = 0.5 * min(max(done, 0.0), 1.0) + mine[_MET] / 12.0 if sound else 0.0
+            success[world, agent] = sound and mine[_MET] == 6.0 and mine[_SETTLED] < SETTLING_LIMIT
 
 
 @kernel(nogil=True)

@@ -106,6 +106,7 @@ class FormationKeeping(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel")
     max_episode_steps: ClassVar[int | None] = 120
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -195,17 +196,14 @@ class FormationKeeping(Task):
 
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        account = state.account[:, : len(self.agents)].copy()
-        return Outcome(account[..., _TRACKING : _FUEL + 1], account[..., _COST], state.over > 0.0)
+        account = state.account[:, : len(self.agents)]
+        return Outcome(account[..., _TRACKING : _FUEL + 1], account[..., _COST], state.over)
 
     def truth(self, state: FormationState) -> Truth:
         """The score is the share of steps in which the slot was kept; a collision cost rules success out."""
-        agents = len(self.agents)
-        account = state.account[:, :agents].copy()
-        steps = np.maximum(state.fleet.read(at.STEP)[:, :agents, 0], 1.0)
-        score = account[..., _KEPT] / steps
-        success = (score >= 0.8) & (account[..., _COLLISIONS] == 0.0) & (state.over[:, np.newaxis] == 0.0)
-        return Truth(account[..., _OPEN_TIME], score, success)
+        fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
+        _rate(state.fleet.data, state.account, state.over, fuel, score, success)
+        return Truth(fuel, score, success)
 
 
 @njit
@@ -287,6 +285,19 @@ def _judge(data, limits, phase, slots, account, over):
             followed = data[b, at.LOST, w] == 0.0
             if not (followed and away <= limits[_RANGE_LIMIT] and spinning <= limits[_RATE_LIMIT]):
                 over[world] = 1.0
+
+
+@kernel
+def _rate(data, account, over, fuel, score, success):
+    """Fuel, score and success of every agent, (worlds, agents) each."""
+    lanes, craft = data.shape[2], account.shape[1]
+    for world in range(score.shape[0]):
+        for c in range(score.shape[1]):
+            b, w = place(world, c, craft, lanes)
+            row = account[world, c]
+            kept = row[_KEPT] / max(data[b, at.STEP, w], 1.0)
+            fuel[world, c], score[world, c] = row[_OPEN_TIME], kept
+            success[world, c] = kept >= 0.8 and row[_COLLISIONS] == 0.0 and over[world] == 0.0
 
 
 @kernel

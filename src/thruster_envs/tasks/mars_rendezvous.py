@@ -81,8 +81,9 @@ _PATIENCE = 1.5
 _SEEN, _EXPECTED, _SIGHT = 0, 19, 25
 # Columns of the account of an episode; first what the last step was worth.
 (
-    _CORRIDOR, _ATTITUDE, _FUEL, _PROGRESS, _CAPTURE, _COST, _POTENTIAL, _OPEN_TIME, _END, _SCORE, _ACCOUNT,
-) = range(11)  # fmt: skip
+    _CORRIDOR, _ATTITUDE, _FUEL, _PROGRESS, _CAPTURE, _COST, _POTENTIAL, _OPEN_TIME, _END, _SCORE, _OVER,
+    _SUCCESS, _ACCOUNT,
+) = range(13)  # fmt: skip
 #: How an episode ended.
 _RUNNING, _CAPTURED, _RETREATED, _TIMED_OUT, _MISSED, _LOST = range(6)
 # Entries of the limits.
@@ -122,7 +123,19 @@ class ApproachState(TaskState):
     estimate: FloatArray  # (worlds, 6), m and m/s, LVLH, at the time of the oldest sight
     sky: FloatArray  # (worlds, 2), argument of latitude at the start, direction of sunlight, turns
     branch: NDArray[np.int64]  # (worlds,), 0 the first set of thrusters, 1 the spare one
-    account: FloatArray  # (worlds, 11)
+    account: FloatArray  # (worlds, 13)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """Views of the account."""
+        account = self.account[:, np.newaxis]
+        return Outcome(account[..., _CORRIDOR : _CAPTURE + 1], account[..., _COST], self.account[:, _OVER])
+
+    @cached_property
+    def truth(self) -> Truth:
+        """Views of the account."""
+        account = self.account[:, np.newaxis]
+        return Truth(account[..., _OPEN_TIME], account[..., _SCORE], account[..., _SUCCESS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +178,7 @@ class MarsRendezvous(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("corridor", "attitude", "fuel", "progress", "capture")
     max_episode_steps: ClassVar[int | None] = None
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -303,18 +317,11 @@ class MarsRendezvous(Task):
 
     def outcome(self, state: ApproachState) -> Outcome:
         """Terminates at capture, when it is missed, on a retreat, when lost, and when the time is up."""
-        account = state.account
-        terms, cost = account[:, np.newaxis, _CORRIDOR : _CAPTURE + 1], account[:, _COST : _COST + 1]
-        return Outcome(terms.copy(), cost.copy(), account[:, _END] > _RUNNING)
+        return state.outcome
 
     def truth(self, state: ApproachState) -> Truth:
         """A capture is worth 0.5 and up to 0.5 for economy, a retreat 0.25."""
-        account = state.account.copy()
-        return Truth(
-            account[:, _OPEN_TIME : _OPEN_TIME + 1],
-            account[:, _SCORE : _SCORE + 1],
-            account[:, _END : _END + 1] == _CAPTURED,
-        )
+        return state.truth
 
     def report(self, state: ApproachState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the approach ended, whether without danger to the target, its branch, what truly is."""
@@ -500,6 +507,8 @@ def _judge(data, limits, sights, estimate, account, first, last):
         account[world, _POTENTIAL] = potential
         account[world, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
         account[world, _END] = end
+        account[world, _OVER] = 1.0 if end > _RUNNING else 0.0
+        account[world, _SUCCESS] = 1.0 if end == _CAPTURED else 0.0
         economy = min(1.0, limits[_REFERENCE] / max(data[b, at.OPEN_TIME, w], 1e-9))
         score = 0.25 * max(0.0, 1.0 + potential)
         if end == _CAPTURED:

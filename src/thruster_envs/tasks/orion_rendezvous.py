@@ -80,6 +80,18 @@ class RendezvousState(TaskState):
     model: RendezvousModel
     account: FloatArray  # (worlds, 10)
 
+    @cached_property
+    def outcome(self) -> Outcome:
+        """Views of the account."""
+        account = self.account[:, np.newaxis]
+        return Outcome(account[..., _FUEL : _ARRIVAL + 1], account[..., _COST], self.account[:, _OVER])
+
+    @cached_property
+    def truth(self) -> Truth:
+        """Views of the account."""
+        account = self.account[:, np.newaxis]
+        return Truth(account[..., _OPEN_TIME], account[..., _SCORE], account[..., _SUCCESS])
+
 
 @dataclass(frozen=True, kw_only=True)
 class OrionRendezvous(Task):
@@ -109,6 +121,7 @@ class OrionRendezvous(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("fuel", "progress", "arrival")
     max_episode_steps: ClassVar[int | None] = None
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -198,15 +211,11 @@ class OrionRendezvous(Task):
 
     def outcome(self, state: RendezvousState) -> Outcome:
         """Terminates when the time is up, or out of bounds."""
-        account = state.account.copy()
-        terms, cost = account[:, np.newaxis, _FUEL : _ARRIVAL + 1], account[:, _COST : _COST + 1]
-        return Outcome(terms, cost, account[:, _OVER] > 0.0)
+        return state.outcome
 
     def truth(self, state: RendezvousState) -> Truth:
         """In the box the score is 0.5 and up to 0.5 for economy; outside it up to 0.5 for distance gained."""
-        account = state.account.copy()
-        success = account[:, _SUCCESS : _SUCCESS + 1] > 0.0
-        return Truth(account[:, _OPEN_TIME : _OPEN_TIME + 1], account[:, _SCORE : _SCORE + 1], success)
+        return state.truth
 
 
 @njit

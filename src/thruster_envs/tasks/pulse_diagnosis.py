@@ -100,6 +100,7 @@ class PulseState(TaskState):
     case: NDArray[np.int64]  # (worlds,), what would be right to declare
     declared: NDArray[np.int64]  # (worlds,), the last declaration
     account: FloatArray  # (worlds, 10)
+    none: FloatArray  # (worlds,), zeros: there is no cost, and no end but the time limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,6 +242,7 @@ class PulseDiagnosis(Task):
         return PulseState(
             fleet, self._model(), np.zeros((worlds, 2 * self.samples + 1)), np.zeros((worlds, _PULSE)),
             np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),
+            np.zeros(worlds),
         )  # fmt: skip
 
     def _model(self) -> PulseModel:
@@ -296,18 +298,14 @@ class PulseDiagnosis(Task):
 
     def outcome(self, state: PulseState) -> Outcome:
         """Never terminates: an episode is as long as the time limit says."""
-        worlds = state.fleet.worlds
         terms = state.account[:, np.newaxis, : len(self.reward_terms)]
-        return Outcome(terms.copy(), np.zeros((worlds, 1)), np.zeros(worlds, np.bool_))
+        return Outcome(terms, state.none[:, np.newaxis], state.none)
 
     def truth(self, state: PulseState) -> Truth:
         """The score is the mean credit of the faulty pulses times the share of quiet healthy ones."""
-        account = state.account
-        healthy, faulty = account[:, _HEALTHY], account[:, _FAULTY]
-        credit = np.where(faulty > 0.0, account[:, _CREDIT] / np.maximum(faulty, 1.0), 1.0)
-        quiet = 1.0 - account[:, _FALSE_PULSES] / np.maximum(healthy, 1.0)
-        score = np.where(healthy + faulty > 0.0, credit * quiet, 0.0)[:, np.newaxis]
-        return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, score >= 0.9)
+        fuel, score, success = np.empty((3, state.fleet.worlds, 1))
+        _rate(state.fleet.data, state.account, fuel, score, success)
+        return Truth(fuel, score, success)
 
     def report(self, state: PulseState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and the truth about the pulse that is to be judged now."""
@@ -344,7 +342,7 @@ def _fire(
     arrays, delivered, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
     """Fire the pulse of the present period in some worlds and measure it."""
-    data, faults, streams = arrays
+    data, faults, streams = arrays[0], arrays[1], arrays[2]
     n, lanes, columns, thruster = (
         capacitors.shape[0],
         data.shape[2],
@@ -405,6 +403,19 @@ def _main_cause(mass, width, added, logarithms, resistance):
         if off > furthest:
             cause, furthest = k, off
     return cause
+
+
+@kernel
+def _rate(data, account, fuel, score, success):
+    """Fuel, score and success of every world, (worlds, 1) each."""
+    for world in range(account.shape[0]):
+        b, w = place(world, 0, 1, data.shape[2])
+        row = account[world]
+        credit = row[_CREDIT] / max(row[_FAULTY], 1.0) if row[_FAULTY] > 0.0 else 1.0
+        quiet = 1.0 - row[_FALSE_PULSES] / max(row[_HEALTHY], 1.0)
+        fuel[world, 0] = data[b, at.OPEN_TIME, w]
+        score[world, 0] = credit * quiet if row[_HEALTHY] + row[_FAULTY] > 0.0 else 0.0
+        success[world, 0] = score[world, 0] >= 0.9
 
 
 @kernel(nogil=True)

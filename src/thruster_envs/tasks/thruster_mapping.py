@@ -107,6 +107,7 @@ class MappingState(TaskState):
     expected: FloatArray  # (worlds, 6), what the nominal vehicle would have given
     terms: FloatArray  # (worlds, 2), the reward's terms for the last step
     sums: FloatArray  # (worlds, 2), objective so far, and that of doing nothing
+    none: FloatArray  # (worlds,), zeros: there is no cost, and no end but the time limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +167,7 @@ class ThrusterMapping(Task):
             MappingModel.of(self.vehicle),
             terms=np.zeros((worlds, 2)),
             sums=np.zeros((worlds, 2)),
+            none=np.zeros(worlds),
             **{name: np.zeros((worlds, 6)) for name in changes},
         )
 
@@ -208,14 +210,13 @@ class ThrusterMapping(Task):
 
     def outcome(self, state: MappingState) -> Outcome:
         """Never terminates: an episode is as long as the time limit says."""
-        worlds = state.command.shape[0]
-        return Outcome(state.terms[:, np.newaxis].copy(), np.zeros((worlds, 1)), np.zeros(worlds, np.bool_))
+        return Outcome(state.terms[:, np.newaxis, :], state.none[:, np.newaxis], state.none)
 
     def truth(self, state: MappingState) -> Truth:
         """The score is one minus the objective over that of doing nothing, over the episode, not below 0."""
-        score = 1.0 - state.sums[:, :1] / np.where(state.sums[:, 1:] > 0.0, state.sums[:, 1:], 1.0)
-        score = np.clip(np.where(state.sums[:, 1:] > 0.0, score, 0.0), 0.0, 1.0)
-        return Truth(state.fleet.read(at.OPEN_TIME)[..., 0], score, score >= 0.9)
+        fuel, score, success = np.empty((3, state.fleet.worlds, 1))
+        _rate(state.fleet.data, state.sums, fuel, score, success)
+        return Truth(fuel, score, success)
 
     def true_model(self, state: MappingState) -> tuple[FloatArray, FloatArray]:
         """Effectiveness (worlds, 6, n) and offset (worlds, 6) of the true vehicles in the coming period."""
@@ -294,6 +295,17 @@ def _judge(
         terms[world, 0], terms[world, 1] = -miss / scale, -fuel / scale
         sums[world, 0] += fuel + miss
         sums[world, 1] += idle
+
+
+@kernel
+def _rate(data, sums, fuel, score, success):
+    """Fuel, score and success of every world, (worlds, 1) each."""
+    for world in range(sums.shape[0]):
+        b, w = place(world, 0, 1, data.shape[2])
+        paid, idle = sums[world]
+        fuel[world, 0] = data[b, at.OPEN_TIME, w]
+        score[world, 0] = min(max(1.0 - paid / idle, 0.0), 1.0) if idle > 0.0 else 0.0
+        success[world, 0] = score[world, 0] >= 0.9
 
 
 @kernel

@@ -44,6 +44,19 @@ _MEMORY = "mapper/"
 """What the names of a mapper's memory begin with in a saved state."""
 
 
+def check_without_storage(task: Any) -> None:
+    """Refuse a task whose craft have actuators that no mapper knows.
+
+    Raises:
+        ValueError: One line says so.
+    """
+    if task.storage_size:
+        raise ValueError(
+            f"spacecraft must have no reaction wheels and no control-moment gyros for an action through a "
+            f"mapper, got {task.vehicle.name!r} with {task.storage_size} of them"
+        )
+
+
 class _Allocation:
     """What both forms of both wrappers share: from policy actions to duties."""
 
@@ -62,6 +75,7 @@ class _Allocation:
             )
         self.thrusters = self.task.vehicle.number_of_thrusters
         #: Numbers of an action: a rate change, and what the environment takes beside duties, as it takes it.
+        check_without_storage(self.task)
         self.size = 6 + self.task.action_size - self.thrusters
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):

@@ -13,7 +13,7 @@ from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
-from thruster_envs.views.single import checked_flag, checked_render_mode, make_task, of_one_agent
+from thruster_envs.views.single import checked_flag, checked_render_mode, info_of_agent, make_task
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.states import MidEpisode
 from thruster_envs.views.worlds import Step, Worlds
@@ -88,7 +88,8 @@ class TaskParallelEnv(MidEpisode, ParallelEnv[str, Observation, Observation]):  
         self.worlds.reset(_ONE, options)
         self.agents = list(self.possible_agents)
         self._camera.watch(begins=True, mode=self.render_mode)
-        return self._by_agent(self.worlds.observe()[0]), self._infos(None)
+        now = self.worlds.now()
+        return self._by_agent(now.observations[0]), self._infos(now)
 
     def step(
         self, actions: dict[str, Any]
@@ -131,9 +132,11 @@ class TaskParallelEnv(MidEpisode, ParallelEnv[str, Observation, Observation]):  
     def _by_agent(self, rows: Observation) -> dict[str, Observation]:
         return {agent: rows[k].copy() for k, agent in enumerate(self.agents)}
 
-    def _infos(self, step: Step | None) -> dict[str, dict[str, Any]]:
-        info = self.worlds.info(step)
-        return {agent: of_one_agent(info, k, flat=self.flat_info) for k, agent in enumerate(self.agents)}
+    def _infos(self, step: Step) -> dict[str, dict[str, Any]]:
+        return {
+            agent: info_of_agent(self.worlds, step, k, flat=self.flat_info)
+            for k, agent in enumerate(self.agents)
+        }
 
     @property
     def np_random_seed(self) -> int | None:

@@ -51,6 +51,7 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
         self.worlds = Worlds(self.task, 1)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
+        self._action_shape = self.action_space.shape or ()
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
 
     @property
@@ -72,25 +73,22 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
         self.worlds.reset(_ONE, options)
         super().reset(seed=given)
         self._camera.watch(begins=True, mode=self.render_mode)
-        return self.worlds.observe()[0, 0], self._info(None)
+        now = self.worlds.now()
+        return now.observations[0, 0], self._info(now)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Let one control period pass under ``action``."""
-        self.worlds.require_reset("step")
-        switches = self.task.choices is not None
-        actions = checked_actions(action, self.action_space.shape or (), switches=switches)
-        step = self.worlds.step(actions.reshape((1, 1, -1)))
-        self._camera.watch(begins=False, mode=self.render_mode)
-        return (
-            step.observations[0, 0],
-            step.rewards.item(),
-            step.terminated.item(),
-            step.truncated.item(),
-            self._info(step),
-        )
+        worlds = self.worlds
+        worlds.require_reset("step")
+        actions = checked_actions(action, self._action_shape, switches=self.task.choices is not None)
+        step = worlds.step(actions.reshape((1, 1, -1)))
+        if self.render_mode is not None:
+            self._camera.watch(begins=False, mode=self.render_mode)
+        terminated, truncated = step.ends[:, 0].tolist()
+        return step.observations[0, 0], step.numbers.item(-1), terminated, truncated, self._info(step)
 
-    def _info(self, step: Step | None) -> dict[str, Any]:
-        return of_one_agent(self.worlds.info(step), 0, flat=self.flat_info)
+    def _info(self, step: Step) -> dict[str, Any]:
+        return info_of_agent(self.worlds, step, 0, flat=self.flat_info)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world now, in the mode ``rgb_array``."""
@@ -122,23 +120,17 @@ def seed_in_use(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int:
     return checked_seed(seed)
 
 
-def of_one_agent(info: dict[str, Any], agent: int, *, flat: bool) -> dict[str, Any]:
+def info_of_agent(worlds: Worlds, step: Step, agent: int, *, flat: bool) -> dict[str, Any]:
     """What the info of a batch of one says of an agent.
 
     Python's numbers, and arrays over the fault slots; where it is to be flat, NumPy's scalars instead.
     """
-    if flat:
-        return {
-            key: value[0, agent].copy() if value.ndim > 2 else value[0, agent]
-            for key, value in flattened(info).items()
-        }
-    result: dict[str, Any] = {}
-    for key, value in info.items():
-        if isinstance(value, dict):
-            result[key] = of_one_agent(value, agent, flat=False)
-        else:
-            result[key] = value.item(agent) if value.ndim == 2 else value[0, agent].copy()
-    return result
+    if not flat:
+        return worlds.info_of_one(step, agent)
+    return {
+        key: value[0].copy() if value.ndim > 1 else value[0]
+        for key, value in flattened(worlds.info_of(step, agent)).items()
+    }
 
 
 def flattened(info: dict[str, Any], before: str = "") -> dict[str, Any]:

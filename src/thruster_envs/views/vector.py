@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -99,6 +99,7 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         watched = {None: 0, "human": 1, "rgb_array": num_envs}[self.render_mode]
         self._cameras = [Camera(self.worlds, world, f"{title} {world}") for world in range(watched)]
         self._over = np.zeros(num_envs, np.bool_)
+        self._keys = 0  # of an info, those of the dictionaries in it among them; not counted yet
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -154,7 +155,8 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         for camera in self._cameras:
             if mask[camera.world]:
                 camera.begin()
-        return self.worlds.observe()[:, 0], self._masked(self._infos(None), np.ones(self.num_envs, np.bool_))
+        now = self.worlds.now()
+        return now.observations[:, 0], self._masked(self._infos(now), True)
 
     def _checked_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         if options is None or "reset_mask" not in checked_options(options):
@@ -212,14 +214,22 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         switches = self.task.choices is not None
         chosen = checked_actions(actions, self.action_space.shape or (), switches=switches)
         chosen = chosen.reshape((self.num_envs, 1, -1))
-        everyone = np.ones(self.num_envs, np.bool_)
-        step, ends = self._hold(chosen, periods)
+        step, ends = self._hold(chosen, periods) if periods > 1 else (self._one_period(chosen), [])
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            return self._reset_after(step, ends, everyone)
+            return self._reset_after(step, ends)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._over = step.done
-        infos = self._masked(_at_ends(self._infos(step), ends), everyone)
-        return step.observations[:, 0], step.rewards[:, 0], step.terminated, step.truncated, infos
+        infos = self._masked(_at_ends(self._infos(step), ends), True)
+        return step.observations[:, 0], step.numbers[-1, 0], step.ends[0], step.ends[1], infos
+
+    def _one_period(self, chosen: NDArray[np.float64]) -> Step:
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            return self.worlds.step(chosen)
+        begins = self._over
+        step = self.worlds.step(chosen, begins=begins)
+        if self._cameras:
+            self._film(begins, np.ones_like(begins))
+        return step
 
     def _hold(self, chosen: NDArray[np.float64], periods: int) -> tuple[Step, list[_End]]:
         """The sum of some periods, and what ``info`` was where an episode ended before the last of them.
@@ -230,11 +240,9 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         resets_itself = self.autoreset_mode == AutoresetMode.SAME_STEP
         begins = np.zeros(self.num_envs, np.bool_) if resets_itself else self._over
         running = ~begins
-        total = self.worlds.step(chosen, begins=begins if periods == 1 else None)
-        seen = running if periods > 1 else np.ones_like(begins)
-        if not seen.all():
-            for nothing_yet in (total.rewards, total.reward_terms, total.cost):
-                nothing_yet[~seen] = 0.0
+        total, seen = self.worlds.step(chosen), running
+        for nothing_yet in (*total.numbers[:-3], total.numbers[-1]):
+            nothing_yet[:, ~seen] = 0.0
         for left in reversed(range(periods)):
             if left < periods - 1:
                 seen = running if left else running | begins
@@ -248,10 +256,11 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         return total, ends
 
     def _reset_after(
-        self, step: Step, ends: list[_End], everyone: NDArray[np.bool_]
+        self, step: Step, ends: list[_End]
     ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        done, observations, last = step.done, step.observations[:, 0], {}
-        if done.any():
+        last, rewards = {}, step.numbers[-1, 0]
+        if step.ended:
+            done, observations = step.done, step.observations[:, 0]
             last = {
                 "final_obs": np.where(done[:, np.newaxis], observations, np.float32(0.0)),
                 "_final_obs": done.copy(),
@@ -259,23 +268,33 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
                 "_final_info": done.copy(),
             }
             self.worlds.reset(np.flatnonzero(done))
-            observations = self.worlds.observe()[:, 0]
-            step.reward_terms[done], step.cost[done] = 0.0, 0.0
-        self._film(done, everyone)
-        infos = self._masked(self._infos(step), everyone) | last
-        return observations, step.rewards[:, 0], step.terminated, step.truncated, infos
+            now = self.worlds.now()
+            step = Step(
+                now.observations, np.where(done, now.numbers, step.numbers),
+                np.where(done, now.flags, step.flags), step.ends, now.active, now.stale, step.ended,
+            )  # fmt: skip
+        if self._cameras:
+            self._film(step.done, np.ones(self.num_envs, np.bool_))
+        infos = self._masked(self._infos(step), True) | last
+        return step.observations[:, 0], rewards, step.ends[0], step.ends[1], infos
 
     def _film(self, begins: NDArray[np.bool_], which: NDArray[np.bool_]) -> None:
         for camera in (one for one in self._cameras if which[one.world]):
             camera.watch(begins=bool(begins[camera.world]), mode=self.render_mode)
 
-    def _infos(self, step: Step | None) -> dict[str, Any]:
+    def _infos(self, step: Step) -> dict[str, Any]:
         """Arrays whose first axis is the world."""
-        return _first_agent(self.worlds.info(step))
+        return self.worlds.info_of(step, 0)
 
-    def _masked(self, info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    def _masked(self, info: dict[str, Any], mask: NDArray[np.bool_] | bool) -> dict[str, Any]:
         """The same as users get it: flat if they asked for that, and beside every key its mask."""
-        return _with_masks(flattened(info) if self.flat_info else info, mask)
+        if self.flat_info:
+            info = flattened(info)
+        if self._keys == 0:
+            self._keys = _number_of_keys(info)
+        masks = np.empty((self._keys, self.num_envs), np.bool_)
+        masks[...] = mask
+        return _with_masks(info, iter(masks))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of the worlds now, in the mode ``rgb_array``."""
@@ -309,14 +328,19 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
 
 def _added(total: Step, step: Step, seen: NDArray[np.bool_]) -> Step:
     """The sum of what steps gave, and what was last, with one more step of the worlds that are seen."""
-    rows = seen[:, np.newaxis]
+    rows = seen[:, np.newaxis, np.newaxis]
+    numbers = step.numbers.copy()
+    for summed in (slice(None, -3), -1):  # all but fuel and score
+        numbers[summed] += total.numbers[summed]
+    ends = np.where(seen, step.ends, total.ends)
     return Step(
-        np.where(rows[..., np.newaxis], step.observations, total.observations),
-        np.where(rows, total.rewards + step.rewards, total.rewards),
-        np.where(rows[..., np.newaxis], total.reward_terms + step.reward_terms, total.reward_terms),
-        np.where(rows, total.cost + step.cost, total.cost),
-        np.where(seen, step.terminated, total.terminated),
-        np.where(seen, step.truncated, total.truncated),
+        np.where(rows, step.observations, total.observations),
+        np.where(seen, numbers, total.numbers),
+        np.where(seen, step.flags, total.flags),
+        ends,
+        np.where(rows, step.active, total.active),
+        np.where(rows, step.stale, total.stale),
+        int(np.count_nonzero(ends[0] | ends[1])),
     )
 
 
@@ -338,12 +362,6 @@ def _merged(mask: NDArray[np.bool_], first: dict[str, Any], second: dict[str, An
     return result
 
 
-def _first_agent(info: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _first_agent(value) if isinstance(value, dict) else value[:, 0] for key, value in info.items()
-    }
-
-
 def _only(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     """Copies with zeros where the mask is False."""
     result: dict[str, Any] = {}
@@ -357,10 +375,15 @@ def _only(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     return result
 
 
-def _with_masks(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+def _number_of_keys(info: dict[str, Any]) -> int:
+    """How many keys an info has, those of the dictionaries in it among them."""
+    return len(info) + sum(_number_of_keys(value) for value in info.values() if isinstance(value, dict))
+
+
+def _with_masks(info: dict[str, Any], masks: Iterator[NDArray[np.bool_]]) -> dict[str, Any]:
     """Beside every key its mask, as Gymnasium's own vector environments have it."""
     result: dict[str, Any] = {}
     for key, value in info.items():
-        result[key] = _with_masks(value, mask) if isinstance(value, dict) else value
-        result[f"_{key}"] = mask.copy()
+        result[key] = _with_masks(value, masks) if isinstance(value, dict) else value
+        result[f"_{key}"] = next(masks)
     return result

@@ -16,9 +16,12 @@ from thruster_envs.physics.fleet import FaultPlan
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
+from thruster_envs.tasks.results import write_results
 from thruster_envs.views.inputs import NotReset, checked_options
+from thruster_envs.views.storage import Storage
 
 _LOW = 2**64 - 1
+_NO_LIMIT = 2**62
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
 #: The same of threads: there are no more of them than blocks of worlds, whatever is asked for.
@@ -29,28 +32,61 @@ _OPTIONS, _SLIP = ("faults", "reset_mask"), 0.8
 
 
 class Step(NamedTuple):
-    """What one step of all worlds gave.
+    """What one step of all worlds gave, in arrays that nothing else holds.
 
     Attributes:
         observations: (worlds, agents, observation_size).
-        rewards: (worlds, agents), the sum of the reward terms.
-        reward_terms: (worlds, agents, terms).
-        cost: (worlds, agents).
-        terminated: (worlds,), the episode came to its own end.
-        truncated: (worlds,), the time limit cut it.
+        numbers: (terms + 4, agents, worlds): the reward terms, then cost, fuel, score and the reward.
+        flags: (2, agents, worlds): success, twice.
+        ends: (2, worlds): whether the episode came to its own end, and whether the time limit cut it.
+        active: (worlds, agents, slots), whether each fault acts now.
+        stale: (worlds, agents, sensors), of which sensor the last measurement dropped out.
+        ended: In how many worlds the episode is over.
     """
 
     observations: Observations
-    rewards: FloatArray
-    reward_terms: FloatArray
-    cost: FloatArray
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
+    numbers: FloatArray
+    flags: NDArray[np.bool_]
+    ends: NDArray[np.bool_]
+    active: NDArray[np.bool_]
+    stale: NDArray[np.bool_]
+    ended: int
+
+    @property
+    def rewards(self) -> FloatArray:
+        """(worlds, agents), the sum of the reward terms."""
+        result: FloatArray = self.numbers[-1].T
+        return result
+
+    @property
+    def reward_terms(self) -> FloatArray:
+        """(worlds, agents, terms)."""
+        result: FloatArray = self.numbers[:-4].transpose(2, 1, 0)
+        return result
+
+    @property
+    def cost(self) -> FloatArray:
+        """(worlds, agents)."""
+        result: FloatArray = self.numbers[-4].T
+        return result
+
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """(worlds,), the episode came to its own end."""
+        result: NDArray[np.bool_] = self.ends[0]
+        return result
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """(worlds,), the time limit cut it."""
+        result: NDArray[np.bool_] = self.ends[1]
+        return result
 
     @property
     def done(self) -> NDArray[np.bool_]:
         """(worlds,), whether the episode is over for either reason."""
-        return self.terminated | self.truncated
+        result: NDArray[np.bool_] = self.ends[0] | self.ends[1]
+        return result
 
 
 class Worlds:
@@ -80,7 +116,7 @@ class Worlds:
         self.fleet = self.state.fleet
         self.faults = self.fleet.plan(task.fault_source())
         self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
-        self._told = self._tell()
+        self._told = _Told.empty(number, len(task.agents), task.fault_slots)
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -90,7 +126,9 @@ class Worlds:
         self._shape = (number, len(task.agents), task.action_size)
         #: Called in each step with what is over, before any world begins anew; set while a step is recorded.
         self.watcher: Callable[[NDArray[np.bool_]], None] | None = None
+        self._storage = Storage(self.fleet, task) if task.storage_size else None
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
+        self._nobody, self._everybody = np.zeros(number, np.bool_), np.ones(number, np.bool_)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
         """Give some worlds new seeds; the reset that has to follow begins episode 0 of them."""
@@ -121,7 +159,7 @@ class Worlds:
         for worlds, plan in plans:
             self.fleet.begin(worlds, self.keys, self.episodes, plan)
         self.task.reset(self.state, which)
-        self._told = self._tell()
+        self._tell(which)
         self.seeded = self.begun = True
 
     def _plans(
@@ -163,7 +201,8 @@ class Worlds:
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
-        return self.task.observe(self.state)
+        observations = self.task.observe(self.state)
+        return observations if self._storage is None else self._storage.observed(observations)
 
     def step(self, actions: ArrayLike, *, begins: NDArray[np.bool_] | None = None) -> Step:
         """Let one control period pass in every world.
@@ -181,22 +220,42 @@ class Worlds:
         """
         self.require_reset("step")
         array = np.asarray(actions, dtype=np.float64)
+        if self._storage is not None:
+            array = self._storage.commanded(array, self._shape)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
-        outcome = self.task.outcome(self.state)
-        terminated, truncated = outcome.terminated, np.zeros(self.number, np.bool_)
-        if self.max_episode_steps is not None:
-            truncated = self.steps >= self.max_episode_steps
         if self.watcher is not None:
-            self.watcher(terminated | truncated)
-        if begins is not None and begins.any():
-            self.reset(np.flatnonzero(begins))
-            outcome.reward_terms[begins], outcome.cost[begins] = 0.0, 0.0
-            terminated, truncated = terminated & ~begins, truncated & ~begins
-        rewards = np.add.reduce(outcome.reward_terms, axis=-1)
-        return Step(self.observe(), rewards, outcome.reward_terms, outcome.cost, terminated, truncated)
+            over = self.task.outcome(self.state).terminated
+            self.watcher(
+                over if self.max_episode_steps is None else over | (self.steps >= self.max_episode_steps)
+            )
+        if begins is None:
+            return self._results(self._nobody)
+        which = np.flatnonzero(begins)
+        if which.size:
+            self.reset(which)
+        return self._results(begins)
+
+    def now(self) -> Step:
+        """What a reset gives: what can be seen, and reward terms and costs of 0."""
+        return self._results(self._everybody)
+
+    def _results(self, begins: NDArray[np.bool_]) -> Step:
+        """What there is to say after a step, or without one; of worlds that begin an episode its start."""
+        outcome, truth = self.task.outcome(self.state), self.task.truth(self.state)
+        worlds, agents, _ = self._shape
+        numbers = np.empty((len(self.task.reward_terms) + 4, agents, worlds))
+        flags, ends = np.empty((2, agents, worlds), np.bool_), np.empty((2, worlds), np.bool_)
+        limit = _NO_LIMIT if self.max_episode_steps is None else self.max_episode_steps
+        ended = write_results(
+            outcome.reward_terms, outcome.cost, outcome.terminated, truth.fuel, truth.score, truth.success,
+            begins, self.steps, limit, numbers, flags, ends,
+        )  # fmt: skip
+        active = self.fleet.active(self.steps, self.task.first_commanded, agents)
+        stale = self.fleet.stale()[:, self._commanded]
+        return Step(self.observe(), numbers, flags, ends, active, stale, ended)
 
     def _duties(self, actions: FloatArray) -> FloatArray:
         duties = np.empty(self._shape)
@@ -230,32 +289,86 @@ class Worlds:
         ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
         ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
         has to report beyond that comes last.
+
+        Args:
+            step: What the last step gave, whose arrays become those of the info; None takes :meth:`now`.
         """
-        truth, told = self.task.truth(self.state), self._told
-        if step is None:
-            terms, cost = np.zeros((*self._shape[:2], len(self.task.reward_terms))), np.zeros(self._shape[:2])
-        else:
-            terms, cost = step.reward_terms, step.cost
+        step = self.now() if step is None else step
+        return self._info(
+            [row.T for row in step.numbers],
+            [row.T for row in step.flags],
+            [array.copy() for array in self._told],
+            step.active,
+            step.stale,
+            self._report(),
+        )
+
+    def info_of(self, step: Step, agent: int) -> dict[str, Any]:
+        """The same for one agent: arrays whose first axis is the world."""
+        return self._info(
+            list(step.numbers[:, agent]),
+            list(step.flags[:, agent]),
+            [array[:, agent].copy() for array in self._told],
+            step.active[:, agent],
+            step.stale[:, agent],
+            {
+                group: {name: array[:, agent] for name, array in entries.items()}
+                for group, entries in self._report().items()
+            },
+        )
+
+    def info_of_one(self, step: Step, agent: int) -> dict[str, Any]:
+        """The same for one agent of the first world: Python's numbers, and arrays over the fault slots."""
+        return self._info(
+            step.numbers[:, agent, 0].tolist(),
+            step.flags[:, agent, 0].tolist(),
+            [array[0, agent].copy() for array in self._told],
+            step.active[0, agent],
+            step.stale[0, agent],
+            {
+                group: {
+                    name: array.item(agent) if array.ndim == 2 else array[0, agent].copy()
+                    for name, array in entries.items()
+                }
+                for group, entries in self._report().items()
+            },
+        )
+
+    def _report(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """What else there is to report: group to name to (worlds, agents, ...), new arrays."""
+        stored = {} if self._storage is None else self._storage.report()
+        return self.task.report(self.state) | stored
+
+    def _info(
+        self,
+        numbers: list[Any],
+        flags: list[Any],
+        told: list[Any],
+        active: NDArray[np.bool_],
+        stale: NDArray[np.bool_],
+        report: dict[str, Any],
+    ) -> dict[str, Any]:
+        """Numbers, flags and faults under their names."""
+        *terms, cost, fuel, score, _ = numbers
+        thruster, kind, severity, onset, sensor, axis = told
         return {
-            "reward_terms": {name: terms[..., k] for k, name in enumerate(self.task.reward_terms)},
+            "reward_terms": dict(zip(self.task.reward_terms, terms, strict=True)),
             "cost": cost,
             "fault": {
-                "thruster": told.thruster.copy(),
-                "kind": told.kind.copy(),
-                "severity": told.severity.copy(),
-                "onset": told.onset.copy(),
-                "active": self.fleet.struck(self.steps * self.task.vehicle.control_period)[
-                    :, self._commanded
-                ],
-                "sensor": told.sensor.copy(),
-                "axis": told.axis.copy(),
+                "thruster": thruster,
+                "kind": kind,
+                "severity": severity,
+                "onset": onset,
+                "active": active,
+                "sensor": sensor,
+                "axis": axis,
             },
-            "stale": self.fleet.stale()[:, self._commanded],
-            "fuel": truth.fuel,
-            "score": truth.score,
-            "success": truth.success,
-            "is_success": truth.success.copy(),
-            **self.task.report(self.state),
+            "stale": stale,
+            "fuel": fuel,
+            "score": score,
+            "success": flags[0],
+            "is_success": flags[1],
+            **report,
         }
 
     def save(self) -> dict[str, NDArray[Any]]:
@@ -279,26 +392,20 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded, self.begun = bool(saved["seeded"]), bool(saved["begun"])
-        self._told = _Told(*(saved[f"told.{name}"].copy() for name in _Told._fields))
+        for name, array in self._told._asdict().items():
+            array[...] = saved[f"told.{name}"]
 
-    def _tell(self) -> _Told:
-        """Of the faults as an episode begins."""
-        rows = self.fleet.fault_rows()[:, self._commanded]
-        kind, thruster, branch, sensor, axis = (
-            rows[..., column].astype(np.int64)
-            for column in (
-                code.FIELD_KIND, code.FIELD_THRUSTER, code.FIELD_BRANCH, code.FIELD_SENSOR, code.FIELD_AXIS,
-            )
-        )  # fmt: skip
-        number = thruster + 1 + self.task.vehicle.number_of_thrusters * branch
-        return _Told(
-            np.where(kind != code.EMPTY, number, 0),
-            kind,
-            rows[..., code.FIELD_SEVERITY].copy(),
-            rows[..., code.FIELD_ONSET].copy(),
-            sensor,
-            axis,
-        )
+    def _tell(self, which: NDArray[np.int64]) -> None:
+        """Note the faults with which the episodes of some worlds begin."""
+        told, rows = self._told, self.fleet.fault_rows(which)[:, self._commanded]
+        number = rows[..., code.FIELD_THRUSTER] + 1.0
+        number += self.task.vehicle.number_of_thrusters * rows[..., code.FIELD_BRANCH]
+        told.thruster[which] = np.where(rows[..., code.FIELD_KIND] != code.EMPTY, number, 0.0)
+        told.kind[which] = rows[..., code.FIELD_KIND]
+        told.severity[which] = rows[..., code.FIELD_SEVERITY]
+        told.onset[which] = rows[..., code.FIELD_ONSET]
+        told.sensor[which] = rows[..., code.FIELD_SENSOR]
+        told.axis[which] = rows[..., code.FIELD_AXIS]
 
 
 class _Told(NamedTuple):
@@ -310,6 +417,15 @@ class _Told(NamedTuple):
     onset: FloatArray
     sensor: NDArray[np.int64]
     axis: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls, *shape: int) -> _Told:
+        """No faults."""
+
+        def whole() -> NDArray[np.int64]:
+            return np.zeros(shape, np.int64)
+
+        return cls(whole(), whole(), np.zeros(shape), np.zeros(shape), whole(), whole())
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:
