@@ -93,7 +93,7 @@ def fly(
     rows = seen[:, late : late + samples].astype(np.float64).reshape(-1, seen.shape[-1])
     attitude, rate = reader.attitude(rows)
     rates = reader.open_rates_told(seen[:, 1 : 1 + samples].reshape(rows.shape))
-    told = np.where(rates < minimum, 0.0, rates)
+    told = np.where(rates < minimum, 0.0, rates).astype(np.float64)
     return NavigationFlights(
         *(one.reshape(count, samples, -1) for one in (told, reader.position(rows), attitude, rate)),
         period,
