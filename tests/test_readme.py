@@ -18,9 +18,8 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
     assert len(blocks) == 6
-    names: dict[str, object] = {}
     for block in blocks:
-        exec(compile(block, str(README), "exec"), names)  # the user's paste
+        exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out
     assert "4.5" in printed
     assert "4.065" in printed

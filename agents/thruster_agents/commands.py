@@ -10,8 +10,10 @@ import signal
 import stat
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 __all__ = [
     "check_file",
@@ -27,7 +29,7 @@ _LONGEST_NAME = 255  # bytes, on the file systems of Linux
 
 
 def run_command(program: str, body: Callable[[], int]) -> int:
-    """Run a program: what is expected to go wrong becomes one line and a status.
+    """Run a program: what is expected to go wrong becomes one line and a status, and a warning one line.
 
     Args:
         program: Its name, at the head of lines.
@@ -39,7 +41,9 @@ def run_command(program: str, body: Callable[[], int]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that has not all characters shows "?"
     try:
-        status = body()
+        with warnings.catch_warnings():
+            warnings.showwarning = _said_once(program)
+            status = body()
         sys.stdout.flush()
     except KeyboardInterrupt:
         complain(program, "interrupted")
@@ -51,6 +55,19 @@ def run_command(program: str, body: Callable[[], int]) -> int:
         complain(program, reason(error))
         status = 1
     return status
+
+
+def _said_once(program: str) -> Callable[..., None]:
+    """What shows a warning as one line, and the same one only once."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: Any) -> None:
+        line = str(message)
+        if line not in said:
+            said.add(line)
+            complain(program, f"warning: {line}")
+
+    return show
 
 
 def complain(program: str, line: str) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -141,3 +142,18 @@ def test_what_is_expected_to_go_wrong_is_one_line(error, status, line, capsys):
 
     assert run_command("program", body) == status
     assert capsys.readouterr().err == line
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_one_line_and_said_once(capsys):
+    def body():
+        for line in ("an axis\nis lost", "an axis\nis lost", "another"):
+            warnings.warn(line, UserWarning, stacklevel=1)
+        warnings.warn("an axis\nis lost", UserWarning, stacklevel=1)
+        return 0
+
+    before = warnings.showwarning
+    assert run_command("train.py", body) == 0
+    lines = ["train.py: warning: an axis is lost", "train.py: warning: another"]
+    assert capsys.readouterr().err.splitlines() == lines
+    assert warnings.showwarning is before

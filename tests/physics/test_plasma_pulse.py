@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from thruster_envs.faults import Fault, encode, modes
+from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.plasma_pulse import (
     MU_0,
     PulseMap,
-    pulse_shares,
     pulse_thrust,
     pulse_waveforms,
 )

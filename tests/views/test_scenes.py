@@ -1,11 +1,13 @@
-"""What a picture of the chaser about Mars says is what the world is."""
+"""What a picture of the chaser about Mars says is what the world is; whatever becomes of a world is drawn."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import thruster_envs  # noqa: F401 - registers the environments
+from tests.views.cases import IDS
 from thruster_envs.faults import Fault
+from thruster_envs.physics import rows as at
 from thruster_envs.views.scenes import Camera
 
 
@@ -64,3 +66,46 @@ def test_an_approach_that_has_ended_says_how():
         action = env.worlds.task.pilot_actions(env.worlds.state)[0, 0]
         terminated = env.step(action)[2]
     assert dict(camera.scene().readouts)["end"] == "captured"
+
+
+#: What a number of a world may have become.
+LOST = (np.nan, np.inf, -1e300, 0.0)
+
+
+def lose(env, value):
+    """Give the craft a state that is no state: where they are, how they turn, what was commanded and done."""
+    fleet = env.worlds.fleet
+    first, thrusters = fleet.rows.duties, env.task.vehicle.number_of_thrusters
+    fleet.data[:, : at.STEP] = fleet.data[:, first : first + 2 * thrusters] = value
+
+
+@pytest.mark.parametrize("identifier", IDS)
+def test_a_world_whose_state_is_lost_is_drawn_where_it_was_last(identifier):
+    env = gym.make(identifier, render_mode="rgb_array").unwrapped
+    for value in LOST:
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        before = env._camera.scene()
+        lose(env, value)
+        env._camera.follow()
+        scene = env._camera.scene()
+        for craft, was in zip(scene.craft, before.craft, strict=True):
+            assert len(craft.path) == len(was.path) + 1
+            if not np.isfinite(value):
+                np.testing.assert_array_equal(craft.position, was.position)
+                np.testing.assert_array_equal(craft.path[-1], was.position)
+        assert scene.time == before.time
+        assert env.render().std() > 5.0
+        env.step(env.action_space.sample())
+        assert env.render().std() > 5.0
+
+
+def test_a_window_stays_open_over_a_world_that_is_lost(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = gym.make("thruster_envs/OrionRendezvous-v0", render_mode="human").unwrapped
+    env.reset(seed=0)
+    for value in LOST:
+        lose(env, value)
+        env.step(env.action_space.sample())
+        assert env._camera._renderer._window is not None
+    env.close()

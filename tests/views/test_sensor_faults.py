@@ -131,7 +131,9 @@ def test_a_parallel_environment_tells_each_craft_of_its_own_sensors(module):
     for _ in range(2):
         sensors = [int(infos[agent]["fault"]["sensor"][0]) for agent in env.agents]
         assert sum(sensors) == SENSORS.index("rate") + 1
-        observations, *_, infos = env.step({agent: 0 * env.action_space(agent).low for agent in env.agents})
+        observations, *_, infos = env.step(
+            {agent: 0 * env.action_space(agent).sample() for agent in env.agents}
+        )
         stale = [infos[agent]["stale"].tolist() for agent in env.agents]
         assert stale.count([False, False, False, True]) == 1
         assert all(np.isfinite(one).all() for one in observations.values())
@@ -141,9 +143,11 @@ def test_stable_baselines_sees_them():
     vectors = SB3VecEnv(gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=3, faults=DRAWN))
     vectors.seed(0)
     assert np.isfinite(vectors.reset()).all()
-    observations, _, _, infos = vectors.step(np.full((3, 12), -1.0, np.float32))
+    observations, *_ = vectors.step(np.full((3, 12), -1.0, np.float32))
     assert np.isfinite(observations).all()
-    assert all((info["fault"]["sensor"] > 0).any() for info in infos)
+    info = vectors.latest_info()
+    assert (info["fault"]["sensor"] > 0).any(axis=1).all()
+    assert info["stale"].shape == (3, len(SENSORS))
 
 
 def test_missions_fly_by_what_faulty_sensors_say():

@@ -1,11 +1,14 @@
-"""From a world of a batch to a picture: the path so far, and the scene that the renderer draws."""
+"""From a world of a batch to a picture: the path so far, and the scene that the renderer draws.
+
+A craft whose position is not finite is drawn where it was last, other numbers that are not finite as zero.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import MODES
 from thruster_envs.faults.encoding import FIELD_THRUSTER
@@ -24,6 +27,8 @@ from thruster_envs.views.worlds import Worlds
 RENDER_MODES = ("rgb_array", "human")
 #: Dots of a curve at most; a second in the first column.
 _MOST_DOTS, _SECOND = 150, np.array([[0.0] * 4, [1.0, 0.0, 0.0, 0.0]])
+#: Lengths and other numbers that are drawn are within this of zero; an attitude shorter than that is none.
+_FARTHEST, _SHORTEST, _LEVEL = 1e9, 1e-9, np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Camera:
@@ -65,11 +70,18 @@ class Camera:
 
     def follow(self) -> None:
         """Add where the craft are now to the path, and how far the first agent's has turned."""
-        self._path.append(self.worlds.fleet.read(at.POSITION, 3)[self.world])
+        self._path.append(self._places())
         if isinstance(self.worlds.state, FormationAttitudeState):
             time = float(self.worlds.steps[self.world]) * self.worlds.task.vehicle.control_period
             first = self.worlds.task.first_commanded
-            self._turn.append((time, *turn_of(self.worlds.state, self.world, first)))
+            with np.errstate(all="ignore"):  # of a state that is beyond all numbers
+                turn = turn_of(self.worlds.state, self.world, first)
+            self._turn.append((time, *_drawable(np.array(turn)).tolist()))
+
+    def _places(self) -> NDArray[np.float64]:
+        """(craft, 3) m, where the craft are, or were last."""
+        last = self._path[-1] if self._path else 0.0
+        return _drawable(self.worlds.fleet.read(at.POSITION, 3)[self.world], last)
 
     def frame(self) -> NDArray[np.uint8]:
         """(height, width, 3) picture of the world now."""
@@ -91,13 +103,18 @@ class Camera:
         return self._renderer
 
     def scene(self) -> Scene:
-        """The world now."""
+        """The world now, whatever has become of it."""
+        with np.errstate(all="ignore"):
+            return self._scene()
+
+    def _scene(self) -> Scene:
         worlds, world, fleet, task = self.worlds, self.world, self.worlds.fleet, self.worlds.task
         n, period = task.vehicle.number_of_thrusters, task.vehicle.control_period
         info = worlds.info()
         rows = fleet.fault_rows()[world]
-        time = float(fleet.read(at.STEP)[world, 0, 0]) * period
-        active = fleet.struck(fleet.read(at.STEP)[:, 0, 0] * period)[world]
+        times = worlds.steps * period
+        active = fleet.struck(times)[world]
+        places = self._places()
         path = np.array(self._path) if self._path else np.zeros((0, fleet.craft, 3))
         slots = (
             worlds.state.slots[world, :, :3]
@@ -111,14 +128,14 @@ class Camera:
         valves = fleet.read(fleet.rows.inhibited, n)[world] > 0.0 if approach is not None else None
         craft = tuple(
             CraftScene(
-                position=fleet.read(at.POSITION, 3)[world, c],
-                attitude=fleet.read(at.ATTITUDE, 4)[world, c],
-                duties=np.clip(fleet.read(fleet.rows.duties, n)[world, c], 0.0, 1.0),
-                thrust=np.clip(fleet.read(fleet.rows.delivered, n)[world, c] / firing, 0.0, 1.0),
+                position=places[c],
+                attitude=_unit(fleet.read(at.ATTITUDE, 4)[world, c]),
+                duties=np.clip(_drawable(fleet.read(fleet.rows.duties, n)[world, c]), 0.0, 1.0),
+                thrust=np.clip(_drawable(fleet.read(fleet.rows.delivered, n)[world, c] / firing), 0.0, 1.0),
                 faulty=np.isin(np.arange(n), rows[c, active[c], FIELD_THRUSTER]),
                 shut=np.zeros(n, np.bool_) if valves is None else valves[c],
                 path=path[:, c],
-                target=slots[c],
+                target=_drawable(slots[c]),
                 name=f"craft {c + 1}" if fleet.craft > 1 else "",
             )
             for c in (*range(own, fleet.craft), *range(own))  # the first agent's is drawn large
@@ -145,7 +162,7 @@ class Camera:
             readouts[0] = ("thrust", thrust)
             readouts += [("last pulse", truth), ("declared before", declared)]
         else:
-            distance = float(np.linalg.norm(craft[0].position - craft[0].target))
+            distance = float(np.linalg.norm(fleet.read(at.POSITION, 3)[world, own] - slots[own]))
             readouts.insert(0, ("distance", f"{distance:.{1 if distance >= 1.0 else 2}f} m"))
         corridor = np.zeros((0, 2))
         if approach is not None:
@@ -160,7 +177,7 @@ class Camera:
         return Scene(
             spacecraft=task.vehicle,
             craft=craft,
-            time=time,
+            time=float(times[world]),
             title=self.title,
             readouts=tuple(readouts),
             bars=bars,
@@ -193,7 +210,7 @@ def _declaration(state: DiagnosisState, world: int) -> str:
 def _pulse_curves(task: PulseDiagnosis, state: PulseState, world: int) -> tuple[Curve, ...]:
     """Voltage and current of the last pulse beside those of a nominal one."""
     discharge, numbers, samples = task.discharge, task.sample_numbers, task.samples
-    nominal, measured = pulse_waveforms(discharge), state.measured[world]
+    nominal, measured = pulse_waveforms(discharge), _drawable(state.measured[world])
     time, volts, amperes = 1e6 * nominal.time[numbers], discharge.voltage, peak_current(discharge)
     current = amperes * measured[samples : 2 * samples]
     return tuple(
@@ -223,6 +240,19 @@ def _turn_curves(turn: NDArray[np.float64]) -> tuple[Curve, ...]:
 def _rate_bars(state: MappingState, world: int) -> tuple[tuple[str, float, float], ...]:
     """Commanded and delivered rate change of the last command, in shares of the authority per axis."""
     authority = state.model.authority
-    commanded, delivered = state.answered[world] / authority, state.delivered[world] / authority
+    commanded, delivered = (
+        _drawable(change[world] / authority) for change in (state.answered, state.delivered)
+    )
     names = ("x", "y", "z", "rot x", "rot y", "rot z")
     return tuple((name, float(c), float(d)) for name, c, d in zip(names, commanded, delivered, strict=True))
+
+
+def _drawable(values: NDArray[np.float64], otherwise: ArrayLike = 0.0) -> NDArray[np.float64]:
+    """The values where they are finite, within reach of a picture; something else where they are not."""
+    return np.where(np.isfinite(values), values, otherwise).clip(-_FARTHEST, _FARTHEST)
+
+
+def _unit(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An attitude that can be drawn: as it is if it is a quaternion, else level."""
+    length = np.linalg.norm(attitude)
+    return attitude if _SHORTEST < length < _FARTHEST else _LEVEL
