@@ -31,6 +31,7 @@ from thruster_agents.commands import check_file, complain, run_command
 from thruster_baselines.control import ChaserPilot, RendezvousController, RendezvousPolicy
 from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault
+from thruster_envs.rollout import fly
 from thruster_envs.spacecraft import load
 
 STEPS, SHOWN = 571, 14
@@ -56,9 +57,7 @@ def rendezvous() -> NDArray[np.uint8]:
     faults = [Fault(1, "stuck_off", onset=25.0)]
     env = gym.make("thruster_envs/OrionRendezvous-v0", faults=faults, render_mode="rgb_array")
     policy = RendezvousPolicy(RendezvousController(load("orion"), STEPS))
-    observation, _ = env.reset(seed=0)
-    for _ in range(SHOWN):
-        observation, *_ = env.step(policy(observation))
+    fly(env, policy, seeds=0, steps=SHOWN)
     return frame_of(env)
 
 
@@ -70,9 +69,7 @@ def approach() -> NDArray[np.uint8]:
     )
     detector = FusionDetector("msr_chaser", threshold=16.0, margin=6.0, settle=20.0)
     pilot = ChaserPilot(load("msr_chaser"), env.unwrapped.task.steps, detector)
-    observation, _ = env.reset(seed=0)
-    while all(decision.what != "inhibited" for decision in pilot.log):
-        observation, *_ = env.step(pilot(observation))
+    fly(env, pilot, seeds=0, callback=lambda _: all(one.what != "inhibited" for one in pilot.log))
     return frame_of(env)
 
 

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,11 @@ MEETINGS = [
     ("sb3", "stable_baselines3", "from thruster_envs.views import SB3VecEnv"),
     ("sb3", "torch", "from thruster_envs.views import SharedPolicyVecEnv"),
     ("render", "pygame", "from thruster_envs.rendering import Renderer; Renderer(400, 400)"),
+    (
+        "recordings",
+        "pyarrow",
+        "from thruster_envs.recordings import Recording; Recording({}, {}, [], []).save('flights.parquet')",
+    ),
     (
         "render",
         "pygame",
@@ -143,8 +149,8 @@ def test_other_missing_modules_stay_as_they_are():
     with pytest.raises(ModuleNotFoundError, match=r"^No module named 'thruster_envs\.no_such'$"):  # noqa: SIM117
         with extra("agents", "this"):
             import thruster_envs.no_such  # noqa: F401
-    for name in EXTRAS:
-        if name != "bench":
+    for name, packages in EXTRAS.items():
+        if all(find_spec(package) for package in packages):
             require(name, "this")
 
 

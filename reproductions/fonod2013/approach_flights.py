@@ -23,6 +23,7 @@ from thruster_baselines.control import ApproachController
 from thruster_baselines.detection.environment_flights import Policy
 from thruster_baselines.detection.flights import faults_of, truth_of
 from thruster_baselines.detection.residuals import NavigationFlights
+from thruster_envs import rollout
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.spacecraft import Spacecraft
 
@@ -74,27 +75,27 @@ def fly(
     period, n = vehicle.control_period, vehicle.number_of_thrusters
     minimum = np.array([one.minimum_pulse for one in vehicle.thrusters]) / period
     reader = ApproachController(vehicle, task.steps, distance=task.distance)
-    policy = None if pilot is None else pilot(vehicle, task.steps)
     samples = round((HEALTHY_DURATION if healthy else STRUCK_DURATION) / period)
-    told, position = np.empty((count, samples, n)), np.empty((count, samples, 3))
-    attitude, rate = np.empty((count, samples, 4)), np.empty((count, samples, 3))
-    observations, _ = envs.reset(seed=list(seeds))
-    for k in range(samples + late):
-        if k >= late:
-            rows = observations.astype(np.float64)
-            position[:, k - late] = reader.position(rows)
-            attitude[:, k - late], rate[:, k - late] = reader.attitude(rows)
-        if policy is None:
-            actions = task.pilot_actions(worlds.state)[:, 0].astype(np.float32)
-        else:
-            actions = policy(observations)
-        observations, _, terminated, _, _ = envs.step(actions)
-        if terminated.any():
-            raise RuntimeError(f"a flight ended after {k} samples; {samples} would be right")
-        if k < samples:
-            rates = reader.open_rates_told(observations)
-            told[:, k] = np.where(rates < minimum, 0.0, rates)
+
+    def own_pilot(_observations: Any) -> Any:
+        return task.pilot_actions(worlds.state)[:, 0].astype(np.float32)
+
+    flown = rollout.fly(
+        envs, own_pilot if pilot is None else pilot(vehicle, task.steps), seeds, steps=samples + late,
+        record=("observation", "terminated"),
+    )  # fmt: skip
     envs.close()
+    if flown.terminated.any():
+        raise RuntimeError(
+            f"flights must have {samples + late} samples, got one that ended after {flown.lengths.min()}"
+        )
+    seen = flown.padded("observation")
+    rows = seen[:, late : late + samples].astype(np.float64).reshape(-1, seen.shape[-1])
+    attitude, rate = reader.attitude(rows)
+    rates = reader.open_rates_told(seen[:, 1 : 1 + samples].reshape(rows.shape))
+    told = np.where(rates < minimum, 0.0, rates)
     return NavigationFlights(
-        told, position, attitude, rate, period, **truth_of(faults_of(faults, n, seeds, not healthy))
+        *(one.reshape(count, samples, -1) for one in (told, reader.position(rows), attitude, rate)),
+        period,
+        **truth_of(faults_of(faults, n, seeds, not healthy)),
     )

@@ -33,6 +33,7 @@ from thruster_baselines.detection.residuals import (
     margin_threshold,
 )
 from thruster_baselines.statistics import clopper_pearson
+from thruster_envs import rollout
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
@@ -209,47 +210,51 @@ def _batch(
         ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", spacecraft=spacecraft,
         inhibit=True, faults=faults,
     )  # fmt: skip
-    observations, info = envs.reset(seed=list(seeds))
-    steps = envs.unwrapped.worlds.task.steps
+    steps = envs.unwrapped.task.steps
     protected = ChaserPilot(
         spacecraft, steps, _detector(pilot, thresholds, count), vehicles=count,
         probe=ProbeSettings() if pilot == "best stack" else None,
     )  # fmt: skip
     plain = ApproachController(spacecraft, steps)
-    truth = {key: info["fault"][key][:, 0].copy() for key in ("thruster", "kind", "severity")}
     onset, largest = np.full(count, np.inf), np.zeros(count)
-    told, flights = np.zeros(count, np.bool_), [None] * count
-    over, time = np.zeros(count, np.bool_), 0.0
+    told, over = np.zeros((2, count), np.bool_)
+    flights: list[Flight | None] = [None] * count
     actions = np.full(envs.action_space.shape, -1.0, np.float32)
-    while not over.all():
-        active = info["fault"]["active"][:, 0] & ~over
+
+    def watch(moment: rollout.Moment) -> None:
+        """Note what ends and what begins to fail; the oracle is told of that."""
+        time, fault = round(moment.step * spacecraft.control_period, 6), moment.infos["fault"]
+        for world in np.flatnonzero(~moment.running & ~over):
+            flights[world] = Flight(
+                pilot, seeds[world], kind, int(fault["thruster"][world, 0]),
+                float(fault["severity"][world, 0]), float(onset[world]), _end(moment.infos, int(world)), time,
+                float(protected.alarm_time[world]), float(protected.name_time[world]),
+                int(protected.named[world]), str(protected.kind[world]), float(protected.kind_time[world]),
+                float(largest[world]), float(moment.infos["fuel"][world]),
+            )  # fmt: skip
+        over[:] = ~moment.running
+        active = fault["active"][:, 0] & ~over
         onset[active] = np.minimum(onset[active], time)
         if pilot == "oracle":
             for world in np.flatnonzero(active & ~told):
                 told[world] = True
-                failed = KINDS[int(truth["kind"][world]) - 1]
+                failed = KINDS[int(fault["kind"][world, 0]) - 1]
                 protected.tell(
-                    int(world), int(truth["thruster"][world]), failed, float(truth["severity"][world])
+                    int(world), int(fault["thruster"][world, 0]), failed, float(fault["severity"][world, 0])
                 )
-        if pilot in ("unprotected", AT_ONCE):
-            actions[:, : spacecraft.number_of_thrusters] = plain(observations)
-            if pilot == AT_ONCE:
-                actions[:, -1] = 1.0
-        else:
-            actions = protected(observations)
+
+    def act(observations: Any) -> Any:
+        if pilot not in ("unprotected", AT_ONCE):
+            found = protected(observations)
             untouched = ~over & ~protected.branch
             largest[untouched] = np.maximum(largest, protected.statistic)[untouched]
-        observations, _, terminated, _, info = envs.step(actions)
-        time = round(time + spacecraft.control_period, 6)
-        for world in np.flatnonzero(terminated & ~over):
-            flights[world] = Flight(
-                pilot, seeds[world], kind, int(truth["thruster"][world]), float(truth["severity"][world]),
-                float(onset[world]), _end(info, int(world)), time,
-                float(protected.alarm_time[world]), float(protected.name_time[world]),
-                int(protected.named[world]), str(protected.kind[world]), float(protected.kind_time[world]),
-                float(largest[world]), float(info["fuel"][world]),
-            )  # fmt: skip
-        over |= terminated
+            return found
+        actions[:, : spacecraft.number_of_thrusters] = plain(observations)
+        if pilot == AT_ONCE:
+            actions[:, -1] = 1.0
+        return actions
+
+    rollout.fly(envs, act, seeds, record=("reward",), callback=watch)
     envs.close()
     return [one for one in flights if one is not None]
 

@@ -24,7 +24,7 @@ from thruster_agents.dynamic_neurons import TrainingRecord, TrainingSettings
 from thruster_agents.dynamic_neurons.high_level import HighLevelClassifier, HighLevelSettings, MissionSignals
 from thruster_envs.faults import Fault
 from thruster_envs.missions import Missions, fly_missions
-from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS
+from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
 

@@ -27,7 +27,7 @@ from thruster_envs.missions import (
     Missions,
     fly_missions,
 )
-from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS
+from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST
 

@@ -36,8 +36,8 @@ from thruster_baselines.control.observed import ObservationReader
 from thruster_baselines.control.quaternions import attitude_error
 from thruster_baselines.control.rendezvous import RendezvousSettings
 from thruster_baselines.guidance import RendezvousPlanner
+from thruster_envs import rollout
 from thruster_envs.faults import KINDS, FaultDistribution
-from thruster_envs.physics import rows as at
 from thruster_envs.physics.health import effect_of
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -246,14 +246,12 @@ def fly_healthy(
 def _fly_healthy(seed: int, orbits: float, period: float | None) -> HealthyFlight:
     env = _environment(orbits, period)
     task = env.unwrapped.task
-    observation, info = env.reset(seed=seed)
-    pilot, over = ClassicalPilot(task.vehicle, task.steps), False
-    while not over:
-        observation, _, over, _, info = env.step(pilot(observation))
+    pilot = ClassicalPilot(task.vehicle, task.steps)
+    flown = rollout.fly(env, pilot, seed, record=("success", "fuel"))
     return HealthyFlight(
         seed=seed,
-        success=bool(info["success"]),
-        firing_time=float(info["fuel"]),
+        success=bool(flown.success[-1]),
+        firing_time=float(flown.fuel[-1]),
         threshold=pilot.detector.threshold,
         statistics=np.array(pilot.statistics),
         names=sum(one.what == "named" for one in pilot.log),
@@ -281,7 +279,7 @@ def fly(pilot: str, seed: int, orbits: float = 0.5, period: float | None = None)
         period: Of control, s; Orion's by default.
     """
     env = _environment(orbits, period)
-    task, worlds = env.unwrapped.task, env.unwrapped.worlds
+    task = env.unwrapped.task
     duration = task.steps * task.vehicle.control_period
     faults = FaultDistribution(
         probability=1.0,
@@ -289,35 +287,32 @@ def fly(pilot: str, seed: int, orbits: float = 0.5, period: float | None = None)
         severity={"loss": (_HALF, _HALF)},
         onset=(0.0, duration / 3.0),
     )
-    observation, info = env.reset(seed=seed, options={"faults": faults})
     flown_by = PILOTS[pilot](task.vehicle, task.steps)
-    onset, over, steps = duration, False, 0
-    while not over:
-        if info["fault"]["active"].any():
-            onset = min(onset, steps * task.vehicle.control_period)
-        flown_by.tell(info["fault"])
-        observation, _, over, _, info = env.step(flown_by(observation))
-        steps += 1
-    position, velocity, attitude, rate = np.split(_state(worlds), [3, 6, 10])
-    slot = int(np.argmax(info["fault"]["thruster"] > 0))
+    flown = rollout.fly(env, flown_by, seed, options={"faults": faults}, callback=told(flown_by))
+    active = np.flatnonzero(flown.fault["active"][:-1].any(axis=1))
+    slot = int(np.argmax(flown.fault["thruster"][0] > 0))
     return Flight(
         pilot=pilot,
         seed=seed,
-        kind=KINDS[int(info["fault"]["kind"][slot]) - 1],
-        thruster=int(info["fault"]["thruster"][slot]),
-        onset=onset,
-        success=bool(info["success"]),
-        lost=steps < task.steps,
-        miss=float(np.linalg.norm(position)),
-        speed=float(np.linalg.norm(velocity)),
-        angle=float(np.linalg.norm(attitude_error(attitude))),
-        rate=float(np.linalg.norm(rate)),
-        firing_time=float(info["fuel"]),
+        kind=KINDS[int(flown.fault["kind"][0, slot]) - 1],
+        thruster=int(flown.fault["thruster"][0, slot]),
+        onset=float(active[0] * task.vehicle.control_period) if active.size else duration,
+        success=bool(flown.success[-1]),
+        lost=bool(flown.lengths[0] < task.steps),
+        miss=float(np.linalg.norm(flown.position[-1])),
+        speed=float(np.linalg.norm(flown.velocity[-1])),
+        angle=float(np.linalg.norm(attitude_error(flown["attitude"][-1]))),
+        rate=float(np.linalg.norm(flown.rate[-1])),
+        firing_time=float(flown.fuel[-1]),
         decisions=tuple(one for one in flown_by.log if one.thruster > 0),
     )
 
 
-def _state(worlds: Any) -> FloatArray:
-    """(13,): true position, velocity, attitude and rate, which info leaves out."""
-    state: FloatArray = worlds.state.fleet.read(at.POSITION, 13)[0, 0]
-    return state
+def told(pilot: Pilot) -> Callable[[rollout.Moment], None]:
+    """What tells a pilot of the faults of each moment before it acts."""
+
+    def tell(moment: rollout.Moment) -> None:
+        if moment.running.any():
+            pilot.tell(moment.infos["fault"])
+
+    return tell

@@ -15,10 +15,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from reproductions.yang2003.fault_flights import PILOTS
+from reproductions.yang2003.fault_flights import PILOTS, told
 from reproductions.yang2003.rendezvous_flights import ENVIRONMENT
+from thruster_envs import rollout
 from thruster_envs.faults import Fault
-from thruster_envs.physics import rows as at
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["FLOWN_BY", "AttitudeFlights", "fly_with_attitude"]
@@ -58,20 +58,16 @@ def fly_with_attitude(
         orbits: Time for the rendezvous.
     """
     env: Any = gym.make(ENVIRONMENT, orbits=orbits, disable_env_checker=True)
-    task, worlds = env.unwrapped.task, env.unwrapped.worlds
+    task = env.unwrapped.task
     success, lost, miss = np.zeros((3, len(seeds)))
     spent = np.zeros((len(seeds), task.steps + 1))
     dead = Fault(thruster, "stuck_off", onset=onset)
     for flight, seed in enumerate(seeds):
-        observation, info = env.reset(seed=seed, options={"faults": (dead,)})
         flown_by = PILOTS[pilot](task.vehicle, task.steps)
-        over, steps = False, 0
-        while not over:
-            flown_by.tell(info["fault"])
-            observation, _, over, _, info = env.step(flown_by(observation))
-            steps += 1
-            spent[flight, steps:] = float(info["fuel"])
-        success[flight], lost[flight] = bool(info["success"]), steps < task.steps
-        miss[flight] = float(np.linalg.norm(worlds.state.fleet.read(at.POSITION, 3)[0, 0]))
+        flown = rollout.fly(env, flown_by, seed, options={"faults": (dead,)}, callback=told(flown_by))
+        steps = int(flown.lengths[0])
+        spent[flight, 1 : steps + 1], spent[flight, steps:] = flown.fuel[1:], flown.fuel[-1]
+        success[flight], lost[flight] = flown.success[-1], steps < task.steps
+        miss[flight] = float(np.linalg.norm(flown.position[-1]))
     env.close()
     return AttitudeFlights(success, lost, miss, spent[:, -1], spent)

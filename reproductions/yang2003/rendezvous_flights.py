@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 import thruster_envs  # noqa: F401 - registers the environments
 from thruster_baselines.control import RendezvousCommandPolicy, RendezvousController, RendezvousSettings
-from thruster_envs.physics import rows as at
+from thruster_envs import rollout
 from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import VectorMapperAction
@@ -86,34 +85,22 @@ def _fly_together(
     orbits: float,
 ) -> Flights:
     env = gym.make_vec(ENVIRONMENT, num_envs=len(seeds), threads=1, spacecraft=spacecraft, orbits=orbits)
-    worlds: Any = env.unwrapped.worlds  # type: ignore[attr-defined]  # the true state, which info leaves out
-    steps = worlds.task.steps
-    env = VectorMapperAction(env, mapper)
+    steps = env.unwrapped.task.steps  # type: ignore[attr-defined]
     policies = [
         RendezvousCommandPolicy(RendezvousController(spacecraft, steps, settings=settings)) for _ in seeds
     ]
-    authority = spacecraft.authority()[:3]
-    over, success, lost = np.zeros((3, len(seeds)), np.bool_)
-    firing_time, commanded = np.zeros((2, len(seeds)))
-    end = np.zeros((len(seeds), 6))
-    observations, _ = env.reset(seed=list(seeds))
-    for step in range(1, steps + 1):
-        actions = np.zeros((len(seeds), 6), np.float32)
-        for world in np.flatnonzero(~over):
-            actions[world] = policies[world](observations[world])
-        commanded += np.abs(actions[:, :3] * authority).sum(axis=1)
-        observations, _, terminated, _, info = env.step(actions)
-        ends = terminated & ~over
-        if ends.any():
-            end[ends] = worlds.state.fleet.read(at.POSITION, 6)[ends, 0]
-            firing_time[ends], success[ends], lost[ends] = (
-                info["fuel"][ends],
-                info["success"][ends],
-                step < steps,
-            )
-            over |= ends
-        if over.all():
-            break
+    flown = rollout.fly(
+        VectorMapperAction(env, mapper), policies, seeds,
+        record=("action", "position", "velocity", "fuel", "success"),
+    )  # fmt: skip
     env.close()
-    miss, speed = np.linalg.norm(end[:, :3], axis=1), np.linalg.norm(end[:, 3:], axis=1)
-    return Flights(success, lost, miss, speed, firing_time, commanded)
+    authority = spacecraft.authority()[:3]
+    commanded = [np.cumsum(np.abs(one.action[:, :3] * authority).sum(axis=1))[-1] for one in flown]
+    return Flights(
+        success=flown.final("success"),
+        lost=flown.lengths < steps,
+        miss=np.linalg.norm(flown.final("position"), axis=1),
+        speed=np.linalg.norm(flown.final("velocity"), axis=1),
+        firing_time=flown.final("fuel"),
+        commanded=np.array(commanded),
+    )

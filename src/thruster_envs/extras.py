@@ -26,6 +26,7 @@ EXTRAS: dict[str, dict[str, str]] = {
         "matplotlib": "matplotlib",
     },
     "render": {"pygame": "pygame-ce", "moviepy": "moviepy"},
+    "recordings": {"pyarrow": "pyarrow"},
 }
 #: Beside these the benchmarks have peers, of which any may miss.
 EXTRAS["bench"] = EXTRAS["baselines"] | EXTRAS["multi-agent"] | EXTRAS["agents"]

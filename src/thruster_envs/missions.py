@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.faults import FaultDistribution, as_faults
 from thruster_envs.faults.encoding import FAULT_FIELDS, FIELD_SENSOR
 from thruster_envs.physics.attitude import conjugate, quaternion_product
-from thruster_envs.physics.fleet import check_flyable
-from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, discharge_of
+from thruster_envs.physics.fleet import Fleet, check_flyable
+from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, discharge_of
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.attitude_flight import fly_whole, shares_of_firings
@@ -219,7 +219,7 @@ def fly_missions(
         noise: Whether sensors are noisy.
         gravity_gradient: Whether the gravity gradient acts.
         bias_torque: A constant torque on every craft, N m, body axes.
-        fault_bias: As of :class:`~thruster_envs.physics.pulsed_fleet.PulsedFleet`.
+        fault_bias: As of :class:`~thruster_envs.physics.pulsed_craft.PulsedFlight`.
         fault_slots: Faults that one craft can have.
         threads: That share the missions; None takes one per core where there are many.
 
@@ -258,13 +258,12 @@ def fly_missions(
     thrust = np.zeros((number, steps, craft, n))
     rows = np.zeros((number, craft, fault_slots, len(FAULT_FIELDS)))
 
+    pulsed = PulsedFlight(gravity_gradient=gravity_gradient, bias_torque=bias_torque, fault_bias=fault_bias)
+
     def fly(first: int, last: int) -> None:
         for start in range(first, last, _TOGETHER):
             which = slice(start, min(start + _TOGETHER, last))
-            fleet = PulsedFleet(
-                vehicle, which.stop - start, craft, slots=fault_slots, gravity_gradient=gravity_gradient,
-                bias_torque=bias_torque, fault_bias=fault_bias, threads=1,
-            )  # fmt: skip
+            fleet = Fleet(vehicle, which.stop - start, craft, slots=fault_slots, threads=1, pulsed=pulsed)
             _begin(fleet, keys[which], sources[which] if len(sources) > 1 else sources)
             rows[which] = fleet.fault_rows()
             fly_whole(
@@ -281,7 +280,7 @@ def fly_missions(
     )  # fmt: skip
 
 
-def _begin(fleet: PulsedFleet, seeds: Sequence[int], faults: Sequence[Any]) -> None:
+def _begin(fleet: Fleet, seeds: Sequence[int], faults: Sequence[Any]) -> None:
     """Put every world of a fleet to the start of its mission."""
     keys = np.zeros((fleet.worlds, 2), np.uint64)
     for world, seed in enumerate(seeds):

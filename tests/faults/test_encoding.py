@@ -80,7 +80,7 @@ def test_faults_on_one_thruster_keep_their_order():
 
 @given(st.lists(faults(), max_size=6))
 def test_rows_give_the_faults_back(given_faults):
-    rows = encode(given_faults, number_of_craft=3, number_of_thrusters=12, slots=6)
+    rows = encode(given_faults, number_of_craft=3, number_of_thrusters=12, slots=6, wheels=12, gyros=12)
     back = decode(rows)
     expected = sorted(given_faults, key=lambda fault: fault.craft)  # stable: the order within a craft stays
     assert len(back) == len(expected)

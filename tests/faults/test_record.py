@@ -54,7 +54,7 @@ def test_every_kind_can_be_had_by_its_name_alone(kind):
     mapping = {"thruster": 1, "kind": kind}
     assert as_faults(mapping) == as_faults([mapping]) == as_faults(fault) == as_faults([fault]) == (fault,)
     assert as_faults(json.loads(json.dumps(dataclasses.asdict(fault)))) == (fault,)
-    assert decode(encode([fault], 1, 8, slots=2)) == [fault]
+    assert decode(encode([fault], 1, 8, slots=2, wheels=1, gyros=1)) == [fault]
     for again in (pickle.loads(pickle.dumps(fault)), copy.deepcopy(fault), dataclasses.replace(fault)):
         assert again == fault
         assert hash(again) == hash(fault)
@@ -73,7 +73,7 @@ def test_every_kind_of_a_sensor_can_be_had_by_its_name_alone(kind, sensor):
     mapping = {"sensor": sensor, "kind": kind}
     assert as_faults(mapping) == as_faults([mapping]) == as_faults(fault) == (fault,)
     assert as_faults(json.loads(json.dumps(dataclasses.asdict(fault)))) == (fault,)
-    assert decode(encode([fault], 1, 8, slots=2)) == [fault]
+    assert decode(encode([fault], 1, 8, slots=2, wheels=1, gyros=1)) == [fault]
     for again in (pickle.loads(pickle.dumps(fault)), copy.deepcopy(fault), dataclasses.replace(fault)):
         assert again == fault
         assert hash(again) == hash(fault)

@@ -12,6 +12,7 @@ from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.faults.record import GENERAL_KINDS, PROFILES
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.pulsed_craft import PulsedFlight
 from thruster_envs.spacecraft import Feed, Sensors, Spacecraft, Thruster
 
 Array = NDArray[np.float64]
@@ -199,3 +200,11 @@ def fly(
         impulses.append(fleet.read(at.IMPULSE, 6)[0, 0])
         delivered.append(fleet.read(fleet.rows.delivered, fleet.rows.thrusters)[0, 0])
     return Flown(fleet, np.array(states), np.array(impulses), np.array(delivered))
+
+
+def pulsed_fleet(spacecraft, worlds, craft=1, *, slots=4, max_substep=None, threads=None, **torques):
+    """Craft whose thrusters fire as pulsed plasma thrusters do."""
+    return Fleet(
+        spacecraft, worlds, craft, slots=slots, max_substep=max_substep, threads=threads,
+        pulsed=PulsedFlight(**torques),
+    )  # fmt: skip

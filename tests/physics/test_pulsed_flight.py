@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.physics.flying import begin, scatter_draws
+from tests.physics.flying import begin, pulsed_fleet, scatter_draws
 from thruster_envs.faults import DISCHARGE_KINDS, PROFILES, THRUSTER_KINDS, Fault, FaultDistribution
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.plasma_pulse import PulseMap
-from thruster_envs.physics.pulsed_fleet import REPORTED_FAULT_BIAS, PulsedFleet
+from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.spacecraft import load
 
 PPT = load("ppt_cubesat")
@@ -23,7 +23,7 @@ STILL = {"gravity_gradient": False, "bias_torque": (0.0, 0.0, 0.0)}
 
 def fleet_of(faults=(), *, spacecraft=PPT, seed=0, **options):
     """One craft that nothing but its thrusters turns."""
-    fleet = PulsedFleet(spacecraft, 1, **(STILL | options))
+    fleet = pulsed_fleet(spacecraft, 1, **(STILL | options))
     begin(fleet, faults, seed=seed)
     fleet.look(fleet.everyone)
     return fleet
@@ -65,7 +65,7 @@ def test_turning_agrees_with_an_independent_integration():
     inertia = np.array([[2.0, 0.3, -0.2], [0.3, 2.4, 0.1], [-0.2, 0.1, 1.5]]) * 1e-3
     craft = PPT.replace(inertia=inertia, mean_motion=0.01)  # the gradient is a hundred times the usual one
     bias = (1e-9, -2e-9, 3e-9)
-    fleet = PulsedFleet(craft, 1, bias_torque=bias)
+    fleet = pulsed_fleet(craft, 1, bias_torque=bias)
     begin(fleet)
     start = np.array([2e-3, -3e-3, 4e-3])
     fleet.write(at.RATE, start)
@@ -108,7 +108,7 @@ def to_matrix(q):
 def test_one_period_in_many_sub_steps_is_one_in_one():
     ends = []
     for substep in (None, 0.05):
-        fleet = PulsedFleet(PPT, 1, max_substep=substep)
+        fleet = pulsed_fleet(PPT, 1, max_substep=substep)
         begin(fleet)
         fleet.write(at.RATE, (0.02, -0.03, 0.04))
         fire(fleet, 1, 4, 5, periods=100)
@@ -275,7 +275,7 @@ def test_a_craft_without_propellant_does_not_fire():
 
 def test_a_spacecraft_without_a_discharge_is_refused():
     with pytest.raises(ValueError, match="'orion' has no discharge"):
-        PulsedFleet(load("orion"), 1)
+        pulsed_fleet(load("orion"), 1)
 
 
 EVERYTHING = FaultDistribution(
@@ -293,7 +293,7 @@ EVERYTHING = FaultDistribution(
 
 
 def flown(worlds, first=0, threads=None, periods=40):
-    fleet = PulsedFleet(PPT, worlds, 3, threads=threads, fault_bias=REPORTED_FAULT_BIAS)
+    fleet = pulsed_fleet(PPT, worlds, 3, threads=threads, fault_bias=REPORTED_FAULT_BIAS)
     begin(fleet, EVERYTHING, seed=40 + first)
     fleet.look(fleet.everyone)
     duties = np.array([np.random.default_rng([first + w, 1]).random((periods, 3, 6)) for w in range(worlds)])

@@ -9,16 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.physics.closed_forms import rotation_matrix
-from tests.physics.flying import Array, begin
+from tests.physics.flying import Array, begin, pulsed_fleet
 from tests.physics.reference_flight import ActiveFault, is_active
 from thruster_envs.faults import PROFILES, SENSOR_KINDS, SENSORS, Fault, FaultDistribution
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.physics.pulsed_fleet import PulsedFleet
 from thruster_envs.physics.relative_orbit import transition_matrix
 from thruster_envs.spacecraft import load
 
-VEHICLES = {"orion": Fleet, "msr_chaser": Fleet, "ppt_cubesat": PulsedFleet}
+VEHICLES = {"orion": Fleet, "msr_chaser": Fleet, "ppt_cubesat": pulsed_fleet}
 PURPOSE = 6
 PERIODS = 14
 SIZE = {"bias": -0.4, "drift": 0.3, "scale": -0.25, "freeze": 1.0, "spike": 2.0, "drop_out": 0.5}
@@ -206,7 +205,7 @@ def test_single_craft_batches_and_threads_measure_the_same_bits():
     ("fleet", "sensor", "message"),
     [
         (
-            PulsedFleet(load("ppt_cubesat"), 1),
+            pulsed_fleet(load("ppt_cubesat"), 1),
             "position",
             "must be one of attitude, rate here, got 'position'",
         ),

@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from thruster_agents.environments import make_plain
+from thruster_envs.rollout import fly
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["DEAD", "FAULTS", "HEALTHY", "SCENARIOS", "Method", "Play", "Scenario", "play"]
@@ -83,11 +84,6 @@ def play(method: Method, scenario: Scenario, seeds: range, spacecraft: Spacecraf
     """
     plain = make_plain(spacecraft, len(seeds), faults=scenario.faults, autoreset_mode=AutoresetMode.DISABLED)
     env = method.begin(plain)
-    observations, _ = env.reset(seed=seeds.start)
-    rewards, over = [], np.zeros(len(seeds), np.bool_)
-    while not over.all():
-        observations, reward, terminated, truncated, info = env.step(method.act(observations))
-        rewards.append(reward)
-        over = terminated | truncated
+    flown = fly(env, method.act, seeds, record=("reward", "score"))
     env.close()
-    return Play(info["score"].copy(), np.array(rewards))
+    return Play(flown.final("score"), np.ascontiguousarray(flown.padded("reward").T))

@@ -10,6 +10,7 @@ whose periods are long enough for a `Detector` of rate changes.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -136,13 +137,17 @@ class _Watch:
         memory = self.detector.save_state()
         return {f"{_MEMORY}{name}": array.copy() for name, array in (memory | own | kept).items()}
 
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what `save` gave."""
         memory = {
             name.removeprefix(_MEMORY): array.copy()
             for name, array in saved.items()
             if name.startswith(_MEMORY)
         }
+        for name in ("statistic", "elapsed", "branch"):
+            given, right = np.shape(memory[name]) if name in memory else None, self.statistic.shape
+            if given != right:
+                raise ValueError(f"the saved {name} must have the shape {right}, got {given}")
         self.statistic, self.elapsed, self.branch = (
             memory.pop(k) for k in ("statistic", "elapsed", "branch")
         )
@@ -190,6 +195,14 @@ class DiagnosisObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
         self._watch.look(observation[np.newaxis])
         return self._seen(observation), reward, terminated, truncated, info
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """What the detector and this remember, as copies by name."""
+        return self._watch.save()
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `own_state` gave."""
+        self._watch.restore(state)
+
     def _seen(self, observation: Any) -> Any:
         return np.concatenate([observation, self._watch.numbers()[0]])
 
@@ -234,6 +247,14 @@ class VectorDiagnosisObservation(VectorWrapper):
             infos["final_obs"] = np.where(ended[:, np.newaxis], self._seen(infos["final_obs"]), np.float32(0))
             self._watch.begin(ended)
         return self._seen(observations), rewards, terminated, truncated, infos
+
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """What the detector and this remember, as copies by name."""
+        return self._watch.save()
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `own_state` gave."""
+        self._watch.restore(state)
 
     def save_state(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, the detector's memory among it, as copies by name."""

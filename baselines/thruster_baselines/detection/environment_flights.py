@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from thruster_baselines.detection.flights import Flights, faults_of, joined, one_fault_each, truth_of
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.protocols import FloatArray
+from thruster_envs.rollout import fly
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["EnvironmentFlights", "ObservedFiring", "Policy"]
@@ -178,22 +179,20 @@ class EnvironmentFlights:
             raise ValueError(
                 f"policy is None, and {self.environment} does not fly by itself; one would be right"
             )
-        read, n = ObservedFiring(env), task.vehicle.number_of_thrusters
-        on_times, rate_change = np.empty((len(seeds), periods, n)), np.empty((len(seeds), periods, 6))
-        valid, lost = np.empty((len(seeds), periods), np.bool_), np.zeros(len(seeds), np.bool_)
-        seen = np.empty((len(seeds), periods, task.observation_size), np.float32) if self.observed else None
-        nothing = np.zeros(env.action_space.shape or (), np.int64)
-        observations, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
-        for period in range(periods):
-            actions = nothing if self.policy is None else self.policy(observations)
-            observations, _, terminated, _, _ = env.step(actions)
-            on_times[:, period], rate_change[:, period] = read(observations)
-            valid[:, period] = ~lost
-            lost |= terminated
-            if seen is not None:
-                seen[:, period] = observations
-        env.close()
-        return Flights(
-            on_times=on_times, rate_change=rate_change, valid=valid, duration=read.duration,
-            **truth_of(faults_of(self.faults, n, seeds, faulty)), observations=seen,
+        flown = fly(
+            env, self.policy or "idle", seeds, steps=periods, past_end=True,
+            record=("observation", "terminated"),
         )  # fmt: skip
+        read, n = ObservedFiring(env), task.vehicle.number_of_thrusters
+        env.close()
+        seen = flown.padded("observation")[:, 1:]
+        on_times, rate_change = read(seen.reshape(-1, seen.shape[-1]))
+        lost = np.logical_or.accumulate(flown.padded("terminated"), axis=1)
+        return Flights(
+            on_times=on_times.reshape(len(seeds), periods, n),
+            rate_change=rate_change.reshape(len(seeds), periods, 6),
+            valid=~np.pad(lost[:, :-1], ((0, 0), (1, 0))),
+            duration=read.duration,
+            **truth_of(faults_of(self.faults, n, seeds, faulty)),
+            observations=seen if self.observed else None,
+        )

@@ -11,20 +11,31 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_envs.faults.kinds import CODES, KINDS, SENSOR_CODES, SENSOR_KINDS, SENSORS
+from thruster_envs.faults.kinds import (
+    CODES,
+    GYRO_KINDS,
+    KINDS,
+    SENSOR_CODES,
+    SENSOR_KINDS,
+    SENSORS,
+    WHEEL_KINDS,
+)
 from thruster_envs.faults.record import PROFILES, Fault
 
 EMPTY = 0
 (
     STUCK_OFF, STUCK_ON, LOSS, LEAK, MISALIGNMENT, LATE_OPENING, INTERMITTENT,
     PROPELLANT_LOSS, ELECTRODE_SEDIMENT, CONDUCTIVITY_LOSS, SLOW_OPENING, SIGN, BIAS,
+    WHEEL_TORQUE_LOSS, WHEEL_STUCK, WHEEL_FRICTION, WHEEL_SPEED_LIMIT, GIMBAL_RATE_LOSS, GIMBAL_LOCK,
 ) = (
     CODES[name] for name in (
         "stuck_off", "stuck_on", "loss", "leak", "misalignment", "late_opening", "intermittent",
         "propellant_loss", "electrode_sediment", "conductivity_loss", "slow_opening", "sign", "bias",
+        "wheel_torque_loss", "wheel_stuck", "wheel_friction", "wheel_speed_limit", "gimbal_rate_loss",
+        "gimbal_lock",
     )
 )  # fmt: skip
-"""Codes of the kinds of actuators."""
+"""Codes of the kinds of actuators; those from `WHEEL_TORQUE_LOSS` on are of wheels and gyros."""
 
 SENSOR_BIAS, SENSOR_DRIFT, SENSOR_SCALE, SENSOR_FREEZE, SENSOR_SPIKE, SENSOR_DROP_OUT = (
     SENSOR_CODES[name] for name in ("bias", "drift", "scale", "freeze", "spike", "drop_out")
@@ -58,7 +69,8 @@ FAULT_FIELDS = (
     "axis",
 )
 """The columns of an encoded fault: kind code, of an actuator or, where the sensor is not 0, of a sensor;
-thruster index from 0 within its branch, -1 where a sensor fails; severity; onset and end in s; profile code;
+thruster index from 0 within its branch, or that of a wheel or gyro, -1 where a sensor fails; severity;
+onset and end in s; profile code;
 profile_time in s; dwell as a share; azimuth in rad; 1 where it strikes all thrusters on the same capacitor,
 else 0; 0 on the branch in use, 1 on the redundant one, where it does not act; code of the sensor from 1, 0
 for a fault of a thruster; axis from 1, 0 for all three."""
@@ -82,7 +94,14 @@ for a fault of a thruster; axis from 1, 0 for all three."""
 
 
 def encode(
-    faults: Iterable[Fault], number_of_craft: int, number_of_thrusters: int, slots: int, *, spare: int = 0
+    faults: Iterable[Fault],
+    number_of_craft: int,
+    number_of_thrusters: int,
+    slots: int,
+    *,
+    spare: int = 0,
+    wheels: int = 0,
+    gyros: int = 0,
 ) -> NDArray[np.float64]:
     """Rows of one world.
 
@@ -92,6 +111,8 @@ def encode(
         number_of_thrusters: Of each craft.
         slots: Faults that a craft can have.
         spare: Thrusters of each craft's redundant branch, whose numbers go on after the others.
+        wheels: Reaction wheels of each craft.
+        gyros: Control-moment gyros of each craft.
 
     Returns:
         (craft, slots, 13), columns as in `FAULT_FIELDS`; unused slots are zero.
@@ -110,7 +131,13 @@ def encode(
                 f"fault {number} is on craft {fault.craft}; "
                 f"a number from 1 to {number_of_craft} would be right"
             )
-        if fault.thruster > number_of_thrusters + spare:
+        storing = fault.sensor is None and fault.kind in WHEEL_KINDS + GYRO_KINDS
+        if storing:
+            what, most = ("wheel", wheels) if fault.kind in WHEEL_KINDS else ("gyro", gyros)
+            if fault.thruster > most:
+                right = f"its number must be from 1 to {most}" if most else f"the spacecraft has no {what}"
+                raise ValueError(f"fault {number} is on {what} {fault.thruster}; {right}")
+        elif fault.thruster > number_of_thrusters + spare:
             raise ValueError(
                 f"fault {number} is on thruster {fault.thruster}; "
                 f"a number from 1 to {number_of_thrusters + spare} would be right"
@@ -120,7 +147,7 @@ def encode(
             raise ValueError(
                 f"fault {number} is one too many for craft {fault.craft}; at most {slots} would be right"
             )
-        redundant = fault.thruster > number_of_thrusters
+        redundant = not storing and fault.thruster > number_of_thrusters
         kinds = KINDS if fault.sensor is None else SENSOR_KINDS
         rows[craft, used[craft]] = (
             kinds.index(fault.kind) + 1,

@@ -16,6 +16,7 @@ from thruster_envs.spacecraft.description import LARGEST, LONGEST_LAG
 
 #: Whose a kind is.
 THRUSTER, PLASMA_THRUSTER, MODULATED_THRUSTER = "thruster", "plasma thruster", "thruster behind a modulator"
+WHEEL, GYRO = "reaction wheel", "control-moment gyro"
 SENSOR = "sensor"
 
 Range = tuple[float, float]
@@ -44,7 +45,7 @@ class FaultKind:
     Attributes:
         name: What it is called; within the kinds of actuators and within those of sensors each name stands
             for one.
-        whose: `THRUSTER` (any), `PLASMA_THRUSTER`, `MODULATED_THRUSTER` or `SENSOR`.
+        whose: `THRUSTER` (any), `PLASMA_THRUSTER`, `MODULATED_THRUSTER`, `WHEEL`, `GYRO` or `SENSOR`.
         meaning: Of its severity, in one sentence.
         unit: Of its severity; of a sensor, "sensor" is the unit of what it measures.
         right: What a severity can be, in words.
@@ -137,7 +138,30 @@ ACTUATOR_TABLE: tuple[FaultKind, ...] = (
         meaning="constant added to the commanded duty, as a share of the period; the sum ends at 1, and a "
         "thruster that is not commanded fires for it (a plasma thruster fires one whole pulse)",
     ),
-    # Kinds of reaction wheels and control-moment gyros follow here.
+    FaultKind(
+        name="wheel_torque_loss", whose=WHEEL, drawn=(0.3, 0.9),
+        meaning="share of the torque of a wheel's motor that is lost",
+    ),
+    FaultKind(
+        name="wheel_stuck", whose=WHEEL,
+        meaning="above 0, whatever it is: the rotor keeps the speed against the body that it has",
+    ),
+    FaultKind(
+        name="wheel_friction", whose=WHEEL, drawn=(0.1, 0.5),
+        meaning="dry friction added in the bearing, as a share of the motor's largest torque",
+    ),
+    FaultKind(
+        name="wheel_speed_limit", whose=WHEEL, drawn=(0.3, 0.9),
+        meaning="share of its largest speed that a wheel cannot reach any more",
+    ),
+    FaultKind(
+        name="gimbal_rate_loss", whose=GYRO, drawn=(0.3, 0.9),
+        meaning="share of the commanded rate of the gimbal that is lost",
+    ),
+    FaultKind(
+        name="gimbal_lock", whose=GYRO,
+        meaning="above 0, whatever it is: the gimbal keeps the angle that it has",
+    ),
 )  # fmt: skip
 
 SENSOR_TABLE: tuple[FaultKind, ...] = (
@@ -235,6 +259,12 @@ DISCHARGE_KINDS: tuple[str, ...] = kinds_of(PLASMA_THRUSTER)
 
 MODULATOR_KINDS: tuple[str, ...] = kinds_of(MODULATED_THRUSTER)
 """The kinds that only a spacecraft with a modulator can have."""
+
+WHEEL_KINDS: tuple[str, ...] = kinds_of(WHEEL)
+"""The kinds of reaction wheels, which have numbers of their own from 1."""
+
+GYRO_KINDS: tuple[str, ...] = kinds_of(GYRO)
+"""The kinds of control-moment gyros, which have numbers of their own from 1."""
 
 FULL_SCALE: dict[str, float] = {one.name: one.full_scale for one in ACTUATOR_TABLE}
 """Per kind of an actuator, the severity that counts as one where severities are shown on a common scale:

@@ -76,8 +76,9 @@ class Fault:
 
     Attributes:
         thruster: Number of the thruster that fails, from 1; 0 where a sensor does. `actuator` is another
-            name of it.
-        kind: What goes wrong; `severity` says how badly. Of a thruster:
+            name of it. The kind says whose it is: reaction wheels and control-moment gyros have numbers of
+            their own, from 1.
+        kind: What goes wrong; `severity` says how badly. Of an actuator:
 
             {actuators}
 

@@ -152,13 +152,13 @@ def rate_step(rate, torque_0, torque_m, torque_1, inertia, inverse, h):
     )
     end = _along(rate, 1 / 6 * h, total)
     slope = angular_acceleration(end, torque_1, inertia, inverse)
-    quarter = _hermite(rate, k1, end, slope, h, 0.84375, 0.140625, 0.15625, -0.046875)
-    middle = _hermite(rate, k1, end, slope, h, 0.5, 0.125, 0.5, -0.125)
+    quarter = hermite(rate, k1, end, slope, h, 0.84375, 0.140625, 0.15625, -0.046875)
+    middle = hermite(rate, k1, end, slope, h, 0.5, 0.125, 0.5, -0.125)
     return quarter, middle, end
 
 
 @njit(forceinline=True)
-def _hermite(a, da, b, db, h, wa, wda, wb, wdb):
+def hermite(a, da, b, db, h, wa, wda, wb, wdb):
     """Weighted sum of two end values and two end slopes of a 3-vector."""
     return (
         wa * a[0] + wb * b[0] + h * (wda * da[0] + wdb * db[0]),

@@ -37,8 +37,19 @@ def substep(state, w, h, body, forces, torques, flows, push):
     rate = (state[_W, w], state[_W + 1, w], state[_W + 2, w])
     quarter, middle, end = rate_step(rate, torques[0], torques[1], torques[2], body.inertia, body.inverse, h)
     q = (state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w])
-    q_m = follow_orbit(turn(q, rate, quarter, middle, 0.5 * h), body.mean_motion, 0.5 * h)
-    q_1 = follow_orbit(turn(q, rate, middle, end, h), body.mean_motion, h)
+    turned_m, turned_1 = turn(q, rate, quarter, middle, 0.5 * h), turn(q, rate, middle, end, h)
+    move(state, w, h, body, (q, turned_m, turned_1), end, forces, flows, push)
+
+
+@njit(forceinline=True)
+def move(state, w, h, body, attitudes, rate, forces, flows, push):
+    """Move one craft for ``h`` seconds, with its attitudes at the start, in the middle and at the end.
+
+    These are against a frame that is at rest and is LVLH at the start; ``rate`` is that at the end.
+    """
+    q = attitudes[0]
+    q_m = follow_orbit(attitudes[1], body.mean_motion, 0.5 * h)
+    q_1 = follow_orbit(attitudes[2], body.mean_motion, h)
     flow_0, flow_m, flow_1 = flows
     mass = state[_M, w]
     mass_m = mass - 0.5 * h * (flow_0 + 1 / 12 * (8.0 * (flow_m - flow_0) - (flow_1 - flow_0)))
@@ -54,7 +65,7 @@ def substep(state, w, h, body, forces, torques, flows, push):
     state[_R, w], state[_R + 1, w], state[_R + 2, w] = r[0], r[1], r[2]
     state[_V, w], state[_V + 1, w], state[_V + 2, w] = v[0], v[1], v[2]
     state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q_1[0], q_1[1], q_1[2], q_1[3]
-    state[_W, w], state[_W + 1, w], state[_W + 2, w] = end[0], end[1], end[2]
+    state[_W, w], state[_W + 1, w], state[_W + 2, w] = rate[0], rate[1], rate[2]
     state[_M, w] = mass_1
 
 
@@ -87,7 +98,8 @@ def substep_rate(rate, spin_up, constants):
     if angle > 1.0:
         gyroscopic *= math.sqrt(math.sqrt(angle))
     gyroscopic = gyroscopic if constants.far_turn < math.inf else 0.0
-    return max(rate * max(1.0 / constants.far_turn, gyroscopic), math.sqrt(spin_up / constants.far_twist))
+    turning = rate * max(1.0 / constants.far_turn, gyroscopic)
+    return max(turning, math.sqrt(spin_up / constants.far_twist), constants.stored_rate)
 
 
 @njit(forceinline=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
@@ -24,12 +25,14 @@ from thruster_envs.faults import (
     encode,
 )
 from thruster_envs.faults import encoding as code
+from thruster_envs.faults.kinds import GYRO_KINDS, WHEEL_KINDS
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
 from thruster_envs.physics.period import choose_lanes, choose_period
+from thruster_envs.physics.pulsed_craft import MEASURED, PulsedFlight
 from thruster_envs.physics.sensing import (
     apply_first_sensor_faults,
     apply_sensor_faults,
@@ -45,6 +48,7 @@ from thruster_envs.physics.vehicle import (
     STANDARD_GRAVITY,
     arrange_rows,
     open_vehicle,
+    pack_pulses,
     pack_vehicle,
     scalar_constants,
     spin_up,
@@ -87,9 +91,12 @@ class Fleet:
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
             Results do not depend on it.
-        kinds: Kinds of fault that what flies the fleet knows; :meth:`fly` knows those of any thruster, and
-            those of a modulator where the spacecraft has one.
-        sensors: The sensors whose faults have a meaning for what flies the fleet.
+        kinds: Kinds of fault that what flies the fleet knows; None for those of the actuators that the
+            spacecraft has.
+        sensors: The sensors whose faults have a meaning for what flies the fleet; None for all that measure
+            something.
+        pulsed: Given, thrusters fire as pulsed plasma thrusters do, and the craft only turn; None lets them
+            fire as their valves or their modulator do.
 
     Attributes:
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
@@ -109,12 +116,12 @@ class Fleet:
         nonlinear: bool = False,
         max_substep: float | None = None,
         threads: int | None = None,
-        kinds: tuple[str, ...] = THRUSTER_KINDS,
-        sensors: tuple[str, ...] = SENSORS,
+        kinds: tuple[str, ...] | None = None,
+        sensors: tuple[str, ...] | None = None,
+        pulsed: PulsedFlight | None = None,
     ) -> None:
-        modulated = spacecraft.modulator is not None
-        self.sensors = sensors
-        self.kinds = kinds + MODULATOR_KINDS if modulated else kinds
+        self.kinds = _kinds_of(spacecraft, pulsed) if kinds is None else kinds
+        self.sensors = (SENSORS if pulsed is None else MEASURED) if sensors is None else sensors
         self.spacecraft, self.worlds, self.craft, self.slots = spacecraft, worlds, craft, slots
         bodies = worlds * craft
         self.everyone = np.arange(worlds)
@@ -132,13 +139,23 @@ class Fleet:
         self.data[:, at.MASS] = spacecraft.mass
         self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
         self._tilts = tilted_wrenches(spacecraft)
-        self.arrays = (self.data, self.faults, self.streams)
+        self.storage_faults = np.zeros_like(self.sensor_faults) if spacecraft.stores_momentum else None
+        if self.storage_faults is not None:
+            self.saved = (*self.saved, "storage_faults")
+        self.arrays = (self.data, self.faults, self.streams, self.storage_faults)
+        #: (n,), number of the capacitor of each thruster; 0 without one.
+        self.capacitors = np.array([thruster.capacitor for thruster in spacecraft.thrusters])
+        constants = scalar_constants(spacecraft, max_substep)
         #: What the kernels take of the vehicle.
         self.vehicle = pack_vehicle(
-            spacecraft, scalar_constants(spacecraft, max_substep), slots=slots, nonlinear=nonlinear,
+            spacecraft,
+            constants if pulsed is None else pulsed.turning(constants, spacecraft, slots),
+            slots=slots,
+            nonlinear=nonlinear,
             max_substep=max_substep,
-        )  # fmt: skip
-        self._kernel = choose_period(self.lanes, modulated=modulated, pulsed=False)
+            pulses=None if pulsed is None else pack_pulses(pulsed.pulses_of(spacecraft, max_substep)),
+        )
+        self._kernel = choose_period(self.lanes, self.vehicle)
         wanted = threads if threads is not None else (physical_cores() if bodies >= MANY_CRAFT else 1)
         self.threads = max(1, min(wanted, self.blocks))
         edges = np.linspace(0, self.blocks, self.threads + 1).astype(int).tolist()
@@ -174,7 +191,18 @@ class Fleet:
                     f"{source.count} and {source.sensor_count}"
                 )
         else:
-            rows, table = encode(source, self.craft, n, self.slots, spare=spare), np.zeros(1)
+            rows, table = (
+                encode(
+                    source,
+                    self.craft,
+                    n,
+                    self.slots,
+                    spare=spare,
+                    wheels=self.rows.number_of_wheels,
+                    gyros=self.rows.number_of_gyros,
+                ),
+                np.zeros(1),
+            )
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
             of_sensors = any(fault.sensor is not None for fault in source)
@@ -212,6 +240,12 @@ class Fleet:
                 )
             if kind not in self.kinds:
                 raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
+        stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
+        if stored and isinstance(source, FaultDistribution):
+            raise ValueError(
+                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and "
+                "gyros stand in a list of faults"
+            )
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
                 f"shared is True, and here no thrusters of {name!r} share a capacitor; "
@@ -241,6 +275,12 @@ class Fleet:
             (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
             (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
+        if self.storage_faults is not None:
+            _begin_storage(
+                self.arrays, self.vehicle, which, self.craft,
+                np.array([one.initial_speed for one in self.spacecraft.reaction_wheels], np.float64),
+                np.array([one.initial_angle for one in self.spacecraft.control_moment_gyros], np.float64),
+            )  # fmt: skip
         if self.spacecraft.modulator is not None:
             modulated_flight.draw_phases(self.data, self.streams, which, self.craft, self.rows.phase)
 
@@ -302,7 +342,10 @@ class Fleet:
         bodies = worlds[:, np.newaxis] * self.craft + np.arange(self.craft)
         places = bodies // self.lanes, bodies % self.lanes
         rows: FloatArray = self.faults[places][..., : len(code.FAULT_FIELDS)]
-        return rows + self.sensor_faults[places]  # one of them is empty
+        rows += self.sensor_faults[places]  # all but one are empty
+        if self.storage_faults is not None:
+            rows += self.storage_faults[places]
+        return rows
 
     def struck(self, time: ArrayLike) -> BoolArray:
         """Whether each of the encoded faults strikes at ``time`` (worlds,), s: (worlds, craft, slots).
@@ -313,6 +356,8 @@ class Fleet:
         _struck(self.faults, np.asarray(time, dtype=np.float64), strikes)
         if self.sensors_fail:
             _struck(self.sensor_faults, np.asarray(time, dtype=np.float64), strikes)
+        if self.storage_faults is not None:
+            _struck(self.storage_faults, np.asarray(time, dtype=np.float64), strikes)
         return strikes
 
     def active(self, steps: NDArray[np.int64], first: int, count: int) -> BoolArray:
@@ -325,6 +370,8 @@ class Fleet:
         _active(self.faults, steps, period, self.craft, first, active)
         if self.sensors_fail:
             _active(self.sensor_faults, steps, period, self.craft, first, active)
+        if self.storage_faults is not None:
+            _active(self.storage_faults, steps, period, self.craft, first, active)
         return active
 
     def stale(self) -> BoolArray:
@@ -351,7 +398,7 @@ class Fleet:
         return np.where(flown, opens + self.spacecraft.control_period - opening, 0.0)
 
     #: Names of the arrays that a later period depends on.
-    saved = ("data", "faults", "sensor_faults", "streams")
+    saved: tuple[str, ...] = ("data", "faults", "sensor_faults", "streams")
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that a later period depends on, as copies."""
@@ -362,6 +409,19 @@ class Fleet:
         for name, array in state.items():
             getattr(self, name)[...] = array
         self.sensors_fail = bool(self.sensor_faults.any())
+
+
+def _kinds_of(spacecraft: Spacecraft, pulsed: PulsedFlight | None) -> tuple[str, ...]:
+    """Kinds of fault of the actuators that a spacecraft has."""
+    kinds = THRUSTER_KINDS
+    for has, more in (
+        (pulsed is not None, DISCHARGE_KINDS),
+        (spacecraft.modulator is not None, MODULATOR_KINDS),
+        (spacecraft.reaction_wheels, WHEEL_KINDS),
+        (spacecraft.control_moment_gyros, GYRO_KINDS),
+    ):
+        kinds += more if has else ()
+    return kinds
 
 
 #: Shortest control period of a craft that flies, s; largest error of a measured attitude, rad.
@@ -424,7 +484,8 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 @kernel
 def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
-    (data, faults, streams), (wrenches, tilts), (encoded, table, drawn) = arrays, nominal, plan
+    data, faults, streams, storage_faults = arrays
+    (wrenches, tilts), (encoded, table, drawn) = nominal, plan
     sensor_faults, sensors_fail = of_sensors
     at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
     slots = faults.shape[2]
@@ -451,11 +512,13 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
             for slot in range(slots):
                 row = fresh[c, slot]
                 of_sensor = row[code.FIELD_SENSOR] > 0.0
+                stores = not of_sensor and health.is_of_storage(row[code.FIELD_KIND])
+                _put_storage_fault(storage_faults, b, w, slot, row, stores, width)
                 if sensors_fail:
                     for column in range(width):
                         sensor_faults[b, w, slot, column] = row[column] if of_sensor else 0.0
                 for column in range(width):
-                    faults[b, w, slot, column] = 0.0 if of_sensor else row[column]
+                    faults[b, w, slot, column] = 0.0 if of_sensor or stores else row[column]
                 i = int(faults[b, w, slot, code.FIELD_THRUSTER])
                 if i >= n:  # drawn of the redundant branch, which is not in use yet
                     i -= n
@@ -466,6 +529,29 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
                     faults[b, w, slot, at.FAULT_TILTED + column] = (
                         np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
                     )
+
+
+@njit(forceinline=True)
+def _put_storage_fault(storage_faults, b, w, slot, row, stores, width):
+    """Keep the fault of a wheel or gyro, or empty its slot; nothing where the craft have none of these."""
+    if storage_faults is not None:
+        for column in range(width):
+            storage_faults[b, w, slot, column] = row[column] if stores else 0.0
+
+
+@kernel
+def _begin_storage(arrays, parts, which, craft, speeds, angles):
+    """Put rotors and gimbals of some worlds to their speeds and angles at the start."""
+    data, rows, lanes = arrays[0], open_vehicle(parts).rows, arrays[0].shape[2]
+    for world in which:
+        for c in range(craft):
+            b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
+            for i in range(speeds.shape[0]):
+                data[b, rows.wheel_speeds + i, w] = speeds[i]
+                data[b, rows.measured_speeds + i, w] = speeds[i]
+            for j in range(angles.shape[0]):
+                data[b, rows.gimbal_angles + j, w] = angles[j]
+                data[b, rows.measured_angles + j, w] = angles[j]
 
 
 @kernel

@@ -27,7 +27,6 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import symmetric_product
 from thruster_envs.physics.body import (
     MOST_SUBSTEPS,
-    STATE_ROWS,
     fastest_rate,
     freeze_lost,
     load_state,
@@ -38,6 +37,14 @@ from thruster_envs.physics.body import (
     substep_rate,
 )
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
+from thruster_envs.physics.storage import (
+    StorageWork,
+    load_storage,
+    state_rows,
+    storage_work,
+    store_storage,
+    substep_stored,
+)
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import uniform_pair
 
@@ -78,6 +85,7 @@ class _Work(NamedTuple):
     schedule: FloatArray
     cursor: NDArray[np.int64]
     sight: FloatArray
+    storage: StorageWork | None
 
 
 def compile_period(lanes: int) -> Any:
@@ -100,13 +108,14 @@ def compile_period(lanes: int) -> Any:
             np.zeros((_NODE_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
             np.zeros((word_rows(n), lanes), np.uint64),
-            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((state_rows(vehicle.storage, vehicle.rows), lanes)),
             np.zeros((3 * _SUMS, lanes)),
             np.zeros((_SUMS, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((_ENTRY * (corners + room), lanes)),
             np.zeros(lanes, np.int64),
             np.zeros((SIGHT_ROWS, lanes)),
+            storage_work(vehicle.storage, lanes),
         )
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)
@@ -120,13 +129,14 @@ def _fly_block(b, batch, vehicle, move, work):
     constants, period, dynamic = vehicle.constants, vehicle.constants.period, vehicle.valves.dynamic
     n, lanes = vehicle.rows.thrusters, work.state.shape[1]
     load_state(b, data, work.columns, vehicle.rows, work.state)
+    load_storage(b, batch, vehicle, vehicle.storage, work.storage, work.state)
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
     draw_words(b, batch, work.words, n)
-    node_count, busy_slots = _faults_of_period(b, batch.faults, vehicle, work)
+    node_count, busy_slots = _faults_of_period(b, batch.faults, batch.storage_faults, vehicle, work)
     changing = busy_slots > 0
     _command_valves(b, batch, vehicle, changing, work)
-    used = _corners_of_period(b, batch.faults, vehicle, busy_slots, work)
+    used = _corners_of_period(b, batch.faults, batch.storage_faults, vehicle, busy_slots, work)
     networks, starts = vehicle.valves.networks, vehicle.valves.starts
     firing.sort_rows(work.corners, networks, starts[busy_slots], starts[busy_slots + 1])
     for k in range(_SUMS):
@@ -155,7 +165,7 @@ def _fly_block(b, batch, vehicle, move, work):
             while left:
                 left = s > used or _schedule(clock, node_count, work.sums, work.schedule, work.cursor)
                 if left:
-                    _integrate(vehicle.body, node_count, work.schedule, work.cursor, work.state)
+                    _integrate(b, batch, vehicle, vehicle.storage, node_count, work)
                 left = left and s <= used
             for w in range(lanes):
                 clock[_BEFORE, w] += clock[_LENGTH, w]
@@ -171,6 +181,7 @@ def _fly_block(b, batch, vehicle, move, work):
         freeze_lost(b, data, work.state)
         store_state(b, data, work.state, 0)
         expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        store_storage(b, data, vehicle, vehicle.storage, work.storage, work.state)
         look(b, data, vehicle, work.words, work.state, work.sight)
 
 
@@ -187,7 +198,7 @@ def _start_clock(constants, work):
 
 
 @njit(forceinline=True)
-def _faults_of_period(b, faults, vehicle, work):
+def _faults_of_period(b, faults, storage_faults, vehicle, work):
     """Sort out the faults of a block for one period.
 
     What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft
@@ -208,9 +219,12 @@ def _faults_of_period(b, faults, vehicle, work):
                     clock[_CHANGES, w] = 1.0
                     if health.varies_smoothly(faults[b, w, k]):
                         smooth, clock[_WAVES, w] = True, 1.0
+        if _storage_changes(b, w, storage_faults, start, period):
+            clock[_CHANGES, w] = 1.0
         if clock[_CHANGES, w] > 0.0:
             for k in range(busy_slots, faults.shape[2]):
-                busy_slots = k + 1 if health.is_there(faults[b, w, k]) else busy_slots
+                there = health.is_there(_fault_in(b, w, k, faults, storage_faults))
+                busy_slots = k + 1 if there else busy_slots
     node_count = 3 if smooth else 1
     for k in range(node_count * n):
         for w in range(lanes):
@@ -222,6 +236,27 @@ def _faults_of_period(b, faults, vehicle, work):
             if clock[_CHANGES, w] == 0.0:
                 _apply_steady_faults(b, w, faults, period, node_count, work, n)
     return node_count, busy_slots
+
+
+@njit(forceinline=True)
+def _storage_changes(b, w, storage_faults, start, period):
+    """Whether the fault of a wheel or gyro begins, ends or varies within the period."""
+    if storage_faults is None:
+        return False
+    changes = False
+    for k in range(storage_faults.shape[2]):
+        fault = storage_faults[b, w, k]
+        if health.is_within(fault, start, start + period):
+            changes |= not health.is_steady(fault, start, period)
+    return changes
+
+
+@njit(forceinline=True)
+def _fault_in(b, w, k, faults, storage_faults):
+    """The fault in a slot, of a thruster or of what stores momentum."""
+    if storage_faults is None:
+        return faults[b, w, k]
+    return storage_faults[b, w, k] if health.is_there(storage_faults[b, w, k]) else faults[b, w, k]
 
 
 @njit
@@ -372,7 +407,7 @@ def _hold_open(b, w, batch, vehicle, work):
 
 
 @njit(forceinline=True)
-def _corners_of_period(b, faults, vehicle, busy_slots, work):
+def _corners_of_period(b, faults, storage_faults, vehicle, busy_slots, work):
     """Fill the rows of ``corners`` in use and return how many they are."""
     corners, valves, clock, thrusters = work.corners, work.valves, work.clock, vehicle.thrusters
     n, lanes, period = vehicle.rows.thrusters, clock.shape[1], vehicle.constants.period
@@ -396,7 +431,8 @@ def _corners_of_period(b, faults, vehicle, busy_slots, work):
             for k in range(busy_slots):
                 row = used + firing.FAULT_CORNERS * k
                 fault = faults[b, w, k]
-                health.fault_corners(fault, clock[_START, w], period, corners, row, w)
+                either = _fault_in(b, w, k, faults, storage_faults)
+                health.fault_corners(either, clock[_START, w], period, corners, row, w)
                 opening = valves[_OPENS * n + health.thruster_of(fault), w]
                 late = health.is_late(fault) and opening < period
                 corners[row + 4, w] = opening if late else period
@@ -587,7 +623,7 @@ def _cut(b, data, vehicle, clock, node_count, sums):
                 abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
                 abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
             )
-            acceleration = constants.spin_per_torque * torque
+            acceleration = constants.spin_per_torque * torque + constants.stored_spin
             turns = max(
                 clock[_SPIN, w] * length / constants.turn_limit,
                 math.sqrt(acceleration / constants.twist_limit) * length,
@@ -600,6 +636,7 @@ def _cut(b, data, vehicle, clock, node_count, sums):
                 torques = (sums[k + 3, w], sums[k + 4, w], sums[k + 5, w])
                 spin_up = max(spin_up, size(symmetric_product(inverse, torques)))
                 flow = max(flow, sums[k + _FLOW, w])
+            spin_up += constants.stored_spin
             clock[_RATE, w] += spin_up * length
             turns = max(turns, length * substep_rate(clock[_RATE, w], spin_up, constants))
             if constants.far_turn < math.inf:
@@ -656,11 +693,12 @@ def _quadratic(sums, w, k, s):
 
 
 @njit(forceinline=True)
-def _integrate(body, node_count, schedule, cursor, state):
+def _integrate(b, batch, vehicle, storage, node_count, work):
     """Move the craft of the block through their schedules, and empty these.
 
     Those with fewer sub-steps wait: their last ones have no length.
     """
+    schedule, cursor, state = work.schedule, work.cursor, work.state
     lanes = state.shape[1]
     most = 0
     for w in range(lanes):
@@ -670,17 +708,33 @@ def _integrate(body, node_count, schedule, cursor, state):
             schedule[_ENTRY * j + _H, w] = 0.0
         cursor[w] = 0
     middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
-    for j in range(most):
-        a = _ENTRY * j + 1
-        m, z = a + middle, a + end
-        for w in range(lanes):
-            substep(
-                state, w, schedule[_ENTRY * j + _H, w], body,
-                ((schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
-                 (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
-                 (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w])),
-                ((schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
-                 (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
-                 (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w])),
-                (schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w]), None,
-            )  # fmt: skip
+    if storage is None:
+        body = vehicle.body
+        for j in range(most):
+            a = _ENTRY * j + 1
+            for w in range(lanes):
+                forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
+                substep(state, w, schedule[_ENTRY * j + _H, w], body, forces, torques, flows, None)
+    else:
+        for j in range(most):
+            a = _ENTRY * j + 1
+            for w in range(lanes):
+                forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
+                substep_stored(
+                    b, w, batch, vehicle, storage, work.storage, state, schedule[_ENTRY * j + _H, w],
+                    (forces, torques, flows, None),
+                )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _loads(schedule, w, a, m, z):
+    """Forces, torques and flows of an entry of the schedule, by the rows of its start, middle and end."""
+    return (
+        ((schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
+         (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
+         (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w])),
+        ((schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
+         (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
+         (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w])),
+        (schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w]),
+    )  # fmt: skip

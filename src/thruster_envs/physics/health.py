@@ -395,6 +395,54 @@ def discharged(kind, s, shares):
     return mass, width, resistance
 
 
+# What it makes of wheels and gyros ----------------------------------------------------------------------
+
+
+@njit(forceinline=True)
+def is_of_storage(kind):
+    """Whether a kind, by its code, is that of a reaction wheel or a control-moment gyro."""
+    return kind >= code.WHEEL_TORQUE_LOSS
+
+
+@njit
+def wheel_health(faults, wheel, t):
+    """What the faults of a craft make of a reaction wheel at ``t``, by its index from 0.
+
+    ``faults`` (slots, fields) are those of wheels and gyros. Returns the share of its torque that is lost, 1
+    where it is stuck, the dry friction that is added as a share of its largest torque, and the share of its
+    largest speed that is lost. Losses of one kind go one after the other; frictions add up.
+    """
+    torque, stuck, friction, speed = 1.0, 0.0, 0.0, 1.0
+    for k in range(faults.shape[0]):
+        fault = faults[k]
+        if is_active(fault, t) and thruster_of(fault) == wheel:
+            kind, s = fault[code.FIELD_KIND], severity(fault, t)
+            if kind == code.WHEEL_TORQUE_LOSS:
+                torque *= 1.0 - s
+            elif kind == code.WHEEL_STUCK:
+                stuck = 1.0 if s > 0.0 else stuck
+            elif kind == code.WHEEL_FRICTION:
+                friction += s
+            elif kind == code.WHEEL_SPEED_LIMIT:
+                speed *= 1.0 - s
+    return 1.0 - torque, stuck, friction, 1.0 - speed
+
+
+@njit
+def gimbal_loss(faults, gyro, t):
+    """The share of its commanded rate that the gimbal of a gyro, by its index from 0, has lost at ``t``."""
+    rate = 1.0
+    for k in range(faults.shape[0]):
+        fault = faults[k]
+        if is_active(fault, t) and thruster_of(fault) == gyro:
+            kind, s = fault[code.FIELD_KIND], severity(fault, t)
+            if kind == code.GIMBAL_RATE_LOSS:
+                rate *= 1.0 - s
+            elif kind == code.GIMBAL_LOCK and s > 0.0:
+                rate = 0.0
+    return 1.0 - rate
+
+
 # The same by the name of a kind -------------------------------------------------------------------------
 
 

@@ -34,7 +34,6 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import (
-    STATE_ROWS,
     equal_substeps,
     freeze_lost,
     load_state,
@@ -42,6 +41,14 @@ from thruster_envs.physics.body import (
     substep,
 )
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
+from thruster_envs.physics.storage import (
+    StorageWork,
+    load_storage,
+    state_rows,
+    storage_work,
+    store_storage,
+    substep_stored,
+)
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import VALVES, cos_sin_turns, philox, uniform_pair
 
@@ -83,6 +90,7 @@ class _Work(NamedTuple):
     clock: FloatArray
     sight: FloatArray
     corners: FloatArray
+    storage: StorageWork | None
 
 
 def compile_period(lanes: int) -> Any:
@@ -101,12 +109,13 @@ def compile_period(lanes: int) -> Any:
             np.zeros((_PULSE * count * n, lanes)),
             np.zeros((_VALVE_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
-            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((state_rows(vehicle.storage, vehicle.rows), lanes)),
             np.zeros((_SUMS, lanes)),
             np.zeros((_SCRATCH, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
             np.zeros((2 * count + 4 * batch.faults.shape[2], 1)),
+            storage_work(vehicle.storage, lanes),
         )
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)
@@ -179,6 +188,7 @@ def _fly_block(b, batch, vehicle, move, work):
     clock, valves, sums, state = work.clock, work.valves, work.sums, work.state
     n, lanes = rows.thrusters, state.shape[1]
     load_state(b, data, work.columns, rows, state)
+    load_storage(b, batch, vehicle, vehicle.storage, work.storage, state)
     _command_valves(b, batch, vehicle, work.pulses, valves)
     draw_words(b, batch, work.words, n)
     _set_strengths(vehicle, work.words, state, valves)
@@ -218,12 +228,13 @@ def _fly_block(b, batch, vehicle, move, work):
             for w in range(lanes):
                 data[b, at.IMPULSE + k, w] += sums[k, w]
         if move:
-            _move(b, data, vehicle, clock, sums, state)
+            _move(b, batch, vehicle, vehicle.storage, work)
     _store(b, data, vehicle, work.pulses, valves)
     if move:
         freeze_lost(b, data, state)
         store_state(b, data, state, 0)
         expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        store_storage(b, data, vehicle, vehicle.storage, work.storage, state)
         look(b, data, vehicle, work.words, state, work.sight)
 
 
@@ -577,28 +588,44 @@ def _is_open(w, i, pulses, count, n, t):
 
 
 @njit(forceinline=True)
-def _move(b, data, vehicle, clock, sums, state):
+def _move(b, batch, vehicle, storage, work):
     """One sub-step of every craft of a block, under straight lines of the same impulse and first moment."""
-    lanes, body, push = state.shape[1], vehicle.body, vehicle.rows.push
+    clock, sums, state = work.clock, work.sums, work.state
+    lanes, body, data, push = state.shape[1], vehicle.body, batch.data, vehicle.rows.push
     for k in range(_MOMENT):
         for w in range(lanes):
             h = clock[_H, w] if clock[_H, w] > 0.0 else 1.0  # one that waits has no impulse
             mean = sums[k, w] / h
             sums[_MOMENT + k, w] = 6.0 * (sums[_MOMENT + k, w] / (h * h) - 0.5 * mean)
             sums[k, w] = mean
-    for w in range(lanes):
-        f = (sums[0, w], sums[1, w], sums[2, w])
-        df = (sums[7, w], sums[8, w], sums[9, w])
-        t = (sums[3, w], sums[4, w], sums[5, w])
-        dt = (sums[10, w], sums[11, w], sums[12, w])
-        flow, change = sums[_MASS_FLOW, w], sums[_MOMENT + _MASS_FLOW, w]
-        substep(
-            state, w, clock[_H, w], body,
-            ((f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2])),
-            ((t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2])),
-            (flow - change, flow, flow + change),
-            (data[b, push, w], data[b, push + 1, w], data[b, push + 2, w]),
-        )  # fmt: skip
+    if storage is None:
+        for w in range(lanes):
+            forces, torques, flows = _loads(sums, w)
+            beside = (data[b, push, w], data[b, push + 1, w], data[b, push + 2, w])
+            substep(state, w, clock[_H, w], body, forces, torques, flows, beside)
+    else:
+        for w in range(lanes):
+            forces, torques, flows = _loads(sums, w)
+            beside = (data[b, push, w], data[b, push + 1, w], data[b, push + 2, w])
+            substep_stored(
+                b, w, batch, vehicle, storage, work.storage, state, clock[_H, w],
+                (forces, torques, flows, beside),
+            )  # fmt: skip
+
+
+@njit(forceinline=True)
+def _loads(sums, w):
+    """Forces, torques and flows at the start, middle and end of a sub-step."""
+    f = (sums[0, w], sums[1, w], sums[2, w])
+    df = (sums[7, w], sums[8, w], sums[9, w])
+    t = (sums[3, w], sums[4, w], sums[5, w])
+    dt = (sums[10, w], sums[11, w], sums[12, w])
+    flow, change = sums[_MASS_FLOW, w], sums[_MOMENT + _MASS_FLOW, w]
+    return (
+        ((f[0] - df[0], f[1] - df[1], f[2] - df[2]), f, (f[0] + df[0], f[1] + df[1], f[2] + df[2])),
+        ((t[0] - dt[0], t[1] - dt[1], t[2] - dt[2]), t, (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2])),
+        (flow - change, flow, flow + change),
+    )  # fmt: skip
 
 
 @njit(forceinline=True)

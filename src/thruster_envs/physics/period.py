@@ -28,8 +28,9 @@ def choose_lanes(bodies: int, *, pulsed: bool) -> int:
     return 1 if bodies < 6 else 8 if bodies <= 8 and not pulsed else at.LANES
 
 
-def choose_period(lanes: int, *, modulated: bool, pulsed: bool) -> Any:
-    """The kernel for a vehicle behind a modulator, on pulsed plasma thrusters, or on neither."""
-    if pulsed:
+def choose_period(lanes: int, parts: tuple[Any, ...]) -> Any:
+    """The kernel for a vehicle, by what fires its thrusters."""
+    _, _, _, _, _, modulator, pulses, _ = parts
+    if pulses is not None:
         return fly_pulses_singly if lanes == 1 else fly_pulses
-    return (_MODULATED if modulated else _VALVES)[lanes]
+    return (_VALVES if modulator is None else _MODULATED)[lanes]

@@ -45,6 +45,8 @@ class Rows(NamedTuple):
 
     Attributes:
         thrusters: Number of thrusters, n: what follows has n rows unless it says otherwise.
+        number_of_wheels: Number of reaction wheels, m.
+        number_of_gyros: Number of control-moment gyros, g.
         carried: Number of earlier pulses that a modulator may still have open; 0 without one.
         duties: Duties commanded in the last period, 0..1.
         delivered: On-time delivered in the last period: impulse over nominal thrust, s.
@@ -59,10 +61,20 @@ class Rows(NamedTuple):
         push: Behind a modulator, the acceleration beside the thrust: 3 rows, m/s^2, LVLH. For a task to
             write; it is held until written again.
         phase: Behind a modulator, the phase of its sine, turns: 1 row.
+        wheel_torques: Commanded torques of the wheels, shares of the largest, -1..1: m rows.
+        gimbal_rates: Commanded rates of the gimbals, shares of the largest, -1..1: g rows.
+        wheel_speeds: Speeds of the rotors against the body, rad/s: m rows.
+        gimbal_angles: rad: g rows.
+        measured_speeds: The speeds as measured: m rows.
+        measured_angles: The angles as measured: g rows.
+        stored_momentum: Where there is a wheel or a gyro, mean of what they stored in the last period by what
+            was measured, N m s, body axes: 3 rows.
         fields: Number of rows.
     """
 
     thrusters: int
+    number_of_wheels: int
+    number_of_gyros: int
     carried: int
     duties: int
     delivered: int
@@ -74,15 +86,24 @@ class Rows(NamedTuple):
     inhibited: int
     push: int
     phase: int
+    wheel_torques: int
+    gimbal_rates: int
+    wheel_speeds: int
+    gimbal_angles: int
+    measured_speeds: int
+    measured_angles: int
+    stored_momentum: int
     fields: int
 
 
-def arrange(thrusters: int, carried: int | None = None) -> Rows:
+def arrange(thrusters: int, carried: int | None = None, wheels: int = 0, gyros: int = 0) -> Rows:
     """The rows of a vehicle.
 
     Args:
         thrusters: Number of thrusters.
         carried: Number of earlier pulses that its modulator may still have open; None without a modulator.
+        wheels: Number of reaction wheels.
+        gyros: Number of control-moment gyros.
     """
     modulated, pulses = carried is not None, carried or 0
     sizes = {
@@ -96,8 +117,22 @@ def arrange(thrusters: int, carried: int | None = None) -> Rows:
         "inhibited": thrusters * modulated,
         "push": 3 * modulated,
         "phase": 1 * modulated,
+        "wheel_torques": wheels,
+        "gimbal_rates": gyros,
+        "wheel_speeds": wheels,
+        "gimbal_angles": gyros,
+        "measured_speeds": wheels,
+        "measured_angles": gyros,
+        "stored_momentum": 3 * (wheels + gyros > 0),
     }
     first, row = {}, DUTIES
     for name, size in sizes.items():
         first[name], row = row, row + size
-    return Rows(thrusters=thrusters, carried=pulses, **first, fields=row)
+    return Rows(
+        thrusters=thrusters,
+        number_of_wheels=wheels,
+        number_of_gyros=gyros,
+        carried=pulses,
+        fields=row,
+        **first,
+    )

@@ -26,10 +26,12 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
     angular_acceleration,
     conjugate,
+    cross,
     exponential,
     normalised,
     quaternion_product,
     rotate,
+    symmetric_product,
 )
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import MEASUREMENT, STEP, normal_pair, philox, uniform_pair
@@ -201,6 +203,26 @@ def look(b, data, vehicle, words, state, sight):
     for k in range(6):
         for w in range(lanes):
             data[b, at.MEASURED_CHANGE + k, w] = sight[_CHANGE + k, w]
+    _add_stored(b, data, vehicle, vehicle.storage, sight)
+
+
+@njit(forceinline=True)
+def _add_stored(b, data, vehicle, storage, sight):
+    """Take the turning by stored momentum out of the measured rate changes of a block."""
+    if storage is not None:
+        for w in range(sight.shape[1]):
+            add_stored(b, w, data, vehicle, sight[_OLD + 10 : _OLD + 13, w], sight[_NEW + 10 : _NEW + 13, w])
+
+
+@njit
+def add_stored(b, w, data, vehicle, before, after):
+    """Take the turning by stored momentum, between two measured rates, out of a measured rate change."""
+    h, period = vehicle.rows.stored_momentum, vehicle.constants.period
+    mean = (0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2]))
+    turning = cross(mean, (data[b, h, w], data[b, h + 1, w], data[b, h + 2, w]))
+    change = symmetric_product(vehicle.body.inverse, turning)
+    for k in range(3):
+        data[b, at.MEASURED_CHANGE + 3 + k, w] += period * change[k]
 
 
 @njit(forceinline=True)
@@ -271,6 +293,8 @@ def apply_sensor_faults(arrays, faults, parts, before, translates, first, last):
             )  # fmt: skip
             for k in range(0 if translates else 3, 6):
                 data[b, at.MEASURED_CHANGE + k, w] = change[k]
+            if vehicle.rows.number_of_wheels + vehicle.rows.number_of_gyros > 0:
+                add_stored(b, w, data, vehicle, old[10:13, w], data[b, m + 10 : m + 13, w])
 
 
 @kernel

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from thruster_envs.physics import firing
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.actuators import gyros as gyro
+from thruster_envs.physics.actuators import wheels as wheel
 from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
 from thruster_envs.spacecraft import Modulator, Spacecraft
 
@@ -60,11 +62,13 @@ class Batch(NamedTuple):
         data: (blocks, fields, lanes) float64, laid out as :mod:`thruster_envs.physics.rows` says.
         faults: (blocks, lanes, slots, FAULT_WIDTH) float64.
         streams: (blocks, STREAM_ROWS, lanes) uint64.
+        storage_faults: (blocks, lanes, slots, columns) float64, those of wheels and gyros; None without any.
     """
 
     data: FloatArray
     faults: FloatArray
     streams: NDArray[np.uint64]
+    storage_faults: FloatArray | None
 
 
 class Thrusters(NamedTuple):
@@ -122,7 +126,9 @@ class Constants(NamedTuple):
         far_twist: rad.
         gyroscopy: How strongly rates turn each other: largest difference of two principal moments over the
             third.
-        spin_up: The most that the thrusters give together, rad/s^2.
+        spin_up: The most that the actuators give together, rad/s^2.
+        stored_spin: The part of wheels and gyros in that, rad/s^2.
+        stored_rate: Least sub-steps per second for what stores momentum, 1/s.
         velocity_drift: Lower half of the HCW transition matrix over one period, row by row.
     """
 
@@ -145,6 +151,8 @@ class Constants(NamedTuple):
     far_twist: float
     gyroscopy: float
     spin_up: float
+    stored_spin: float
+    stored_rate: float
     velocity_drift: tuple[float, ...]
 
 
@@ -214,6 +222,18 @@ class Pulses(NamedTuple):
     bias_of_gain: float
 
 
+class Storage(NamedTuple):
+    """What stores momentum: the constants of reaction wheels and control-moment gyros.
+
+    Attributes:
+        wheels: (m, WHEEL_CONSTANTS), as :mod:`.actuators.wheels` has them.
+        gyros: (g, GYRO_CONSTANTS), as :mod:`.actuators.gyros` has them.
+    """
+
+    wheels: FloatArray
+    gyros: FloatArray
+
+
 class Vehicle(NamedTuple):
     """What the kernels read of a vehicle; of valves, modulator and pulses it has exactly one."""
 
@@ -224,12 +244,13 @@ class Vehicle(NamedTuple):
     valves: Valves | None
     modulator: Modulation | None
     pulses: Pulses | None
+    storage: Storage | None
 
 
 @njit(forceinline=True)
 def open_batch(arrays):
     """The :class:`Batch` of the arrays with which a kernel is called."""
-    return Batch(arrays[0], arrays[1], arrays[2])
+    return Batch(arrays[0], arrays[1], arrays[2], arrays[3])
 
 
 @njit(forceinline=True)
@@ -239,7 +260,7 @@ def open_vehicle(parts):
     constants = Constants(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
         numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
-        numbers[16], numbers[17], numbers[18], _drift(numbers[19:]),
+        numbers[16], numbers[17], numbers[18], numbers[19], numbers[20], _drift(numbers[21:]),
     )  # fmt: skip
     return Vehicle(
         open_thrusters(parts[0]),
@@ -249,6 +270,7 @@ def open_vehicle(parts):
         _open_valves(parts[4]),
         _open_modulator(parts[5]),
         _open_pulses(parts[6]),
+        _open_storage(parts[7]),
     )  # fmt: skip
 
 
@@ -272,7 +294,8 @@ def _drift(d):
 def _open_rows(rows):
     return at.Rows(
         rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8], rows[9],
-        rows[10], rows[11], rows[12],
+        rows[10], rows[11], rows[12], rows[13], rows[14], rows[15], rows[16], rows[17], rows[18],
+        rows[19], rows[20], rows[21],
     )  # fmt: skip
 
 
@@ -281,6 +304,13 @@ def _open_valves(parts):
     if parts is None:
         return None
     return Valves(parts[0], parts[1], parts[2])
+
+
+@njit(forceinline=True)
+def _open_storage(parts):
+    if parts is None:
+        return None
+    return Storage(parts[0], parts[1])
 
 
 @njit(forceinline=True)
@@ -304,7 +334,10 @@ def _open_pulses(parts):
 def arrange_rows(spacecraft: Spacecraft) -> at.Rows:
     """The rows of a spacecraft's state."""
     carried = None if spacecraft.modulator is None else carried_pulses(spacecraft)
-    return at.arrange(spacecraft.number_of_thrusters, carried)
+    return at.arrange(
+        spacecraft.number_of_thrusters, carried, len(spacecraft.reaction_wheels),
+        len(spacecraft.control_moment_gyros),
+    )  # fmt: skip
 
 
 def pack_vehicle(
@@ -340,6 +373,7 @@ def pack_vehicle(
         None if modulated or pulses is not None else _pack_valves(thrusters, slots),
         _pack_modulator(spacecraft.modulator, spacecraft.control_period, max_substep),
         pulses,
+        _pack_storage(spacecraft),
     )  # fmt: skip
 
 
@@ -358,6 +392,21 @@ def _pack_valves(constants: FloatArray, slots: int) -> tuple[NDArray[np.int64], 
     networks = [_sorting_network(corners + firing.FAULT_CORNERS * busy) for busy in range(slots + 1)]
     starts = np.cumsum([0] + [len(network) for network in networks])
     return np.concatenate(networks), starts, dynamic
+
+
+def _pack_storage(spacecraft: Spacecraft) -> tuple[FloatArray, FloatArray] | None:
+    if not spacecraft.stores_momentum:
+        return None
+    wheels = np.zeros((len(spacecraft.reaction_wheels), wheel.WHEEL_CONSTANTS))
+    for row, one in zip(wheels, spacecraft.reaction_wheels, strict=True):
+        row[:] = (
+            *one.axis, one.inertia, one.max_torque, one.max_speed, one.coulomb_friction, one.viscous_friction,
+        )  # fmt: skip
+    gyros = np.zeros((len(spacecraft.control_moment_gyros), gyro.GYRO_CONSTANTS))
+    for row, turned in zip(gyros, spacecraft.control_moment_gyros, strict=True):
+        across = np.cross(turned.gimbal_axis, turned.spin_axis)
+        row[:] = (*turned.gimbal_axis, *turned.spin_axis, *across, turned.momentum, turned.max_gimbal_rate)
+    return wheels, gyros
 
 
 def _pack_modulator(
@@ -432,15 +481,50 @@ def scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Const
         far_twist=math.inf if own else FAR_TWIST,
         gyroscopy=_gyroscopy(spacecraft),
         spin_up=spin_up(spacecraft),
+        stored_spin=_stored_spin(spacecraft),
+        stored_rate=0.0 if own else _stored_rate(spacecraft),
         velocity_drift=tuple(drift.reshape(-1).tolist()),
     )
 
 
 def spin_up(spacecraft: Spacecraft) -> float:
-    """Largest angular acceleration that the thrusters can give together, rad/s^2; none where they pulse."""
+    """Largest angular acceleration that the actuators can give together, rad/s^2; none where they pulse."""
     if spacecraft.discharge is not None:
         return 0.0
-    return math.hypot(*spacecraft.authority()[3:].tolist()) / spacecraft.control_period
+    thrusters = math.hypot(*spacecraft.authority()[3:].tolist()) / spacecraft.control_period
+    return thrusters + _stored_spin(spacecraft)
+
+
+def _stored_spin(spacecraft: Spacecraft) -> float:
+    """The same of wheels and gyros alone."""
+    torque = sum(one.max_torque + one.coulomb_friction for one in spacecraft.reaction_wheels)
+    torque += sum(one.momentum * one.max_gimbal_rate for one in spacecraft.control_moment_gyros)
+    return torque / _smallest_moment(spacecraft)
+
+
+#: Angle, rad, by which the axis of the body may move in a sub-step about that of the stored momentum, and
+#: share of its time constant that viscous friction may act in one.
+_STORED_TURN, _FRICTION_SHARE = 0.09, 0.3
+
+
+def _stored_rate(spacecraft: Spacecraft) -> float:
+    """Least sub-steps per second of a craft that stores momentum, by how fast that turns the body."""
+    momentum = sum(one.momentum for one in spacecraft.control_moment_gyros)
+    momentum += sum(
+        one.inertia * max(one.max_speed, abs(one.initial_speed)) for one in spacecraft.reaction_wheels
+    )
+    friction = max((one.viscous_friction / one.inertia for one in spacecraft.reaction_wheels), default=0.0)
+    free = _smallest_moment(spacecraft)
+    gimbals = max((one.max_gimbal_rate for one in spacecraft.control_moment_gyros), default=0.0)
+    return max(momentum / free / _STORED_TURN, gimbals / _STORED_TURN, 2.0 * friction / _FRICTION_SHARE)
+
+
+def _smallest_moment(spacecraft: Spacecraft) -> float:
+    """Smallest principal moment of inertia with all rotors free, kg m^2."""
+    free = np.array(spacecraft.inertia)
+    for one in spacecraft.reaction_wheels:
+        free -= one.inertia * np.outer(one.axis, one.axis)
+    return float(np.linalg.eigvalsh(free).min())
 
 
 def _gyroscopy(spacecraft: Spacecraft) -> float:

@@ -6,25 +6,26 @@
 12
 """
 
-from thruster_envs.spacecraft.description import (
-    SLACK_FACTOR,
+from thruster_envs.spacecraft.actuators import (
+    ControlMomentGyro,
     Discharge,
     Feed,
     Modulator,
-    Sensors,
-    Spacecraft,
+    ReactionWheel,
     Thruster,
-    objective_weights,
 )
+from thruster_envs.spacecraft.description import SLACK_FACTOR, Sensors, Spacecraft, objective_weights
 from thruster_envs.spacecraft.files import catalogue, load, save
 from thruster_envs.spacecraft.orbit import Orbit
 
 __all__ = [
     "SLACK_FACTOR",
+    "ControlMomentGyro",
     "Discharge",
     "Feed",
     "Modulator",
     "Orbit",
+    "ReactionWheel",
     "Sensors",
     "Spacecraft",
     "Thruster",

@@ -1,15 +1,16 @@
-"""What a spacecraft is: mass properties, thrusters, their shared propellant feed, its navigation errors.
+"""What a spacecraft is: mass properties, its actuators, the feed of its thrusters, its navigation errors.
 
 Modelled: a rigid body of constant inertia about a fixed centre of mass; thrusters of constant nominal
 thrust with a shortest useful pulse, valve delays, rise and fall times and a firing-to-firing scatter; the
 thrust that simultaneous firings cost each other through a shared feed (Yang 2003, section 2.3: about 6 %
 for each further open thruster); the electrical circuit of pulsed plasma thrusters, and which of them share a
 capacitor (Valdes 2008, chapter 3); electronics that open a valve some time after the command (Fonod et al.
-2013, section 4), isolation valves and a spare set of thrusters; white measurement errors, equal on the three
-axes. What flies and what the flight software believes are two values of this type.
+2013, section 4), isolation valves and a spare set of thrusters; reaction wheels and control-moment gyros;
+white measurement errors, equal on the three axes. What flies and what the flight software
+believes are two values of this type.
 
 Left out: the motion of the centre of mass as propellant is used, flexible parts, plume impingement,
-reaction wheels, sensor biases; a shared feed or valves with linear ramps together with a modulator, and
+sensor biases; a shared feed or valves with linear ramps together with a modulator, and
 isolation valves or thrust with a lag without one. Faults are not a property of the description: they are
 data of their own, in `thruster_envs.faults`.
 
@@ -28,249 +29,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import coerce_fields, from_mapping, require, shown, to_mapping
+from thruster_envs.spacecraft.actuators import LARGEST as LARGEST  # it stood here once
+from thruster_envs.spacecraft.actuators import LONGEST_LAG as LONGEST_LAG
+from thruster_envs.spacecraft.actuators import (
+    MOST_CARRIED,
+    ControlMomentGyro,
+    Discharge,
+    Feed,
+    Modulator,
+    ReactionWheel,
+    Thruster,
+    check_positive,
+    check_size,
+)
+from thruster_envs.spacecraft.actuators import Vector as Vector
 from thruster_envs.spacecraft.orbit import EARTH_MU as EARTH_MU  # it stood here once
 from thruster_envs.spacecraft.orbit import FASTEST_ORBIT, Orbit
-
-Vector = tuple[float, float, float]
-
-LARGEST = 1e15
-"""No value of a description is larger, but for those that may be infinite and the gravitational parameter;
-none that has to be positive is smaller than one over this. So what is computed from them stays finite."""
-
-LONGEST_LAG = 1e4
-"""Largest time constant, s; with a longer lag rounding would be as large as the thrust."""
-
-MOST_CARRIED = 1000
-"""Most control periods by which a modulator may put off a pulse."""
 
 ROUND_OFF = 1e-6
 """Share of the largest principal moment by which it may exceed the sum of the other two."""
 
 SLACK_FACTOR = 20.0
 """How much dearer it is to miss all of an axis's authority than to fire all thrusters for a whole period."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Thruster:
-    """One on-off thruster, or anything else that pushes along a fixed line.
-
-    Attributes:
-        name: What people call it; unique in its spacecraft.
-        position: Where the thrust acts, from the centre of mass, m.
-        direction: Direction of the *force on the spacecraft*, opposite to the plume; any length but zero is
-            accepted and normalised.
-        thrust: Nominal thrust of this thruster firing alone, N.
-        minimum_pulse: A command shorter than this opens no valve, s.
-        opening_delay: From the command to the valve's opening, s.
-        closing_delay: From the end of the command to the valve's closing, s.
-        rise_time: From zero to full thrust once the valve is open, linear, s.
-        fall_time: From full to zero thrust once the valve is closed, linear, s.
-        scatter: Half-width of the uniform scatter of the thrust from one firing to the next, as a share of
-            `thrust`.
-        specific_impulse: Thrust over weight flow, s; infinite means that firing uses up no mass.
-        time_constant: Of the first-order lag with which the thrust follows the valve of a thruster behind a
-            modulator, s.
-        capacitor: Number, from 1, of the capacitor that a pulsed plasma thruster discharges; thrusters with
-            the same one never fire together. 0 for a thruster without one.
-    """
-
-    name: str
-    position: Vector
-    direction: Vector
-    thrust: float
-    minimum_pulse: float = 0.0
-    opening_delay: float = 0.0
-    closing_delay: float = 0.0
-    rise_time: float = 0.0
-    fall_time: float = 0.0
-    scatter: float = 0.0
-    specific_impulse: float = math.inf
-    time_constant: float = 0.0
-    capacitor: int = 0
-
-    def __post_init__(self) -> None:
-        coerce_fields(self)
-        who = f"thruster {shown(self.name)}: "
-        require(
-            all(map(math.isfinite, self.position)),
-            f"{who}position",
-            self.position,
-            "three finite numbers of m",
-        )
-        for component in self.position:
-            _check_size(f"{who}position", component, "m", low=-LARGEST)
-        length = math.hypot(*self.direction)
-        require(
-            math.isfinite(length) and length > 0.0,
-            f"{who}direction",
-            self.direction,
-            "a finite vector that is not zero",
-        )
-        if abs(length - 1.0) > 4.0 * np.finfo(np.float64).eps:
-            largest = max(
-                map(abs, self.direction)
-            )  # so that neither tiny nor huge components are lost in the norm
-            scaled = tuple(component / largest for component in self.direction)
-            length = math.hypot(*scaled)
-            object.__setattr__(self, "direction", tuple(component / length for component in scaled))
-        _check_positive(f"{who}thrust", self.thrust, "N")
-        for name in ("minimum_pulse", "opening_delay", "closing_delay", "rise_time", "fall_time"):
-            _check_not_negative(f"{who}{name}", getattr(self, name), "s")
-        _check_not_negative(f"{who}time_constant", self.time_constant, "s", largest=LONGEST_LAG)
-        require(
-            0.0 <= self.scatter < 1.0,
-            f"{who}scatter",
-            self.scatter,
-            "a share of the thrust, at least 0 and below 1",
-        )
-        require(
-            self.specific_impulse > 0.0,
-            f"{who}specific_impulse",
-            self.specific_impulse,
-            "a positive number of s, or inf",
-        )
-        _check_size(f"{who}specific_impulse", self.specific_impulse, "s", low=1.0 / LARGEST, high=math.inf)
-        require(self.capacitor >= 0, f"{who}capacitor", self.capacitor, "a number from 1, or 0 for none,")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Feed:
-    """The propellant feed that all thrusters share.
-
-    Attributes:
-        coupling: Share of its thrust that a thruster loses for each further thruster open at the same moment.
-        propellant_mass: Propellant on board, part of the spacecraft's mass, kg; infinite means that it
-            never runs out.
-    """
-
-    coupling: float = 0.0
-    propellant_mass: float = math.inf
-
-    def __post_init__(self) -> None:
-        coerce_fields(self)
-        require(
-            0.0 <= self.coupling <= 1.0, "feed: coupling", self.coupling, "a share of the thrust from 0 to 1"
-        )
-        require(
-            self.propellant_mass >= 0.0,
-            "feed: propellant_mass",
-            self.propellant_mass,
-            "zero or more kg, or inf",
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Modulator:
-    """The electronics between commands and valves: one pulse per control period, some time later.
-
-    The pulse that is commanded at time `t` begins at `t + delay + variation sin(2 pi t / variation_period +
-    phase) + e`: the phase is drawn once an episode, `e` for each thruster and pulse, uniformly within
-    `jitter`. So it may lie in a later period. Pulses that overlap are one.
-
-    Attributes:
-        delay: Nominal, s.
-        variation: Amplitude of what varies alike for all thrusters, s.
-        variation_period: Period of that, s.
-        jitter: Half-width of what varies from pulse to pulse, s.
-    """
-
-    delay: float = 0.0
-    variation: float = 0.0
-    variation_period: float = 1.0
-    jitter: float = 0.0
-
-    def __post_init__(self) -> None:
-        coerce_fields(self)
-        for name in ("delay", "variation", "jitter"):
-            _check_not_negative(f"modulator: {name}", getattr(self, name), "s")
-        _check_positive("modulator: variation_period", self.variation_period, "s")
-        require(
-            self.variation + self.jitter <= self.delay,
-            "modulator: variation and jitter together",
-            self.variation + self.jitter,
-            f"at most the delay, {self.delay!r} s,",
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Discharge:
-    """The circuit that every pulsed plasma thruster of a spacecraft discharges, when all is well.
-
-    A charged capacitor drives a current through two parallel electrodes and the slug of plasma between them;
-    its own magnetic field throws the slug out.
-
-    Attributes:
-        capacitance: F.
-        inductance: Of the circuit before the slug has moved, H.
-        resistance: Of the whole circuit, the plasma included, ohm.
-        electrode_gap: Distance between the electrodes, m.
-        electrode_width: m.
-        slug_mass: Mass of the plasma that one pulse throws out, kg.
-        voltage: Of the capacitor when a pulse begins, V.
-        duration: How long a pulse is followed, s.
-        sample_time: Time between two samples of its waveforms, s; they divide `duration` evenly.
-        firing_time: How long one firing pushes with the nominal thrust, s. The impulse of a healthy firing in
-            flight is `thrust` times this.
-    """
-
-    capacitance: float
-    inductance: float
-    resistance: float
-    electrode_gap: float
-    electrode_width: float
-    slug_mass: float
-    voltage: float
-    duration: float = 30e-6
-    sample_time: float = 1e-8
-    firing_time: float = 0.016
-
-    def __post_init__(self) -> None:
-        coerce_fields(self)
-        for one in dataclasses.fields(self):
-            _check_positive(f"discharge: {one.name}", getattr(self, one.name), _DISCHARGE_UNITS[one.name])
-        coarsest = COARSEST_SAMPLE * math.sqrt(self.inductance * self.capacitance)
-        require(
-            self.sample_time <= coarsest,
-            "discharge: sample_time",
-            self.sample_time,
-            f"at most {coarsest:.2g} s, {COARSEST_SAMPLE:g} sqrt(inductance capacitance),",
-        )
-        steps = self.duration / self.sample_time
-        require(
-            abs(steps - round(steps)) <= 1e-6 * steps and round(steps) >= 1,
-            "discharge: duration",
-            self.duration,
-            "a whole number of times the sample_time",
-        )
-        if steps > MOST_SAMPLES:
-            raise ValueError(
-                f"discharge: duration must be at most {MOST_SAMPLES:,} times the sample_time, got {steps:.3g}"
-            )
-
-    @property
-    def number_of_samples(self) -> int:
-        """Samples of a waveform, both ends included."""
-        return round(self.duration / self.sample_time) + 1
-
-
-#: Longest sample time, in units of sqrt(inductance capacitance): a step of the integration is no longer.
-COARSEST_SAMPLE = 0.02
-
-MOST_SAMPLES = 1_000_000
-"""Most samples of the waveforms of one pulse."""
-
-_DISCHARGE_UNITS = {
-    "capacitance": "F",
-    "inductance": "H",
-    "resistance": "ohm",
-    "electrode_gap": "m",
-    "electrode_width": "m",
-    "slug_mass": "kg",
-    "voltage": "V",
-    "duration": "s",
-    "sample_time": "s",
-    "firing_time": "s",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,7 +81,7 @@ class Sensors:
                 value,
                 "a finite number, zero or more",
             )
-            _check_size(f"sensors: {name}", value, unit)
+            check_size(f"sensors: {name}", value, unit)
 
 
 _MEAN_MOTION = 0.0011  # rad/s, of a low orbit of the Earth
@@ -334,6 +114,10 @@ class Spacecraft:
             as a whole.
         discharge: The circuit of its thrusters, all of which are then pulsed plasma thrusters with a
             capacitor; None where no thruster is one.
+        reaction_wheels: Numbered from 1 like thrusters, apart from them. The inertia is that with all rotors
+            held.
+        control_moment_gyros: Numbered likewise. The inertia is that with all gimbals at any angle: their own
+            is left out.
         provenance: Where values come from: dotted field name to "stated", "reconstructed: why" or
             "external: what". It takes no part in the hash, and in nothing that is computed.
 
@@ -355,21 +139,16 @@ class Spacecraft:
     isolation_valves: bool = False
     spare_branch: bool = False
     discharge: Discharge | None = None
+    reaction_wheels: tuple[ReactionWheel, ...] = ()
+    control_moment_gyros: tuple[ControlMomentGyro, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         coerce_fields(self)
-        _check_positive("mass", self.mass, "kg")
+        check_positive("mass", self.mass, "kg")
         _check_inertia(self.inertia)
         require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
-        names: dict[str, int] = {}
-        for number, thruster in enumerate(self.thrusters, start=1):
-            if thruster.name in names:
-                raise ValueError(
-                    f"thrusters {names[thruster.name]} and {number} are both named {shown(thruster.name)}; "
-                    "a name of its own for each would be right"
-                )
-            names[thruster.name] = number
+        _check_names("thrusters", self.thrusters)
         propellant = self.feed.propellant_mass
         if math.isfinite(propellant):
             require(
@@ -384,12 +163,13 @@ class Spacecraft:
                 "the mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, "
                 "would be right"
             )
-        _check_positive("control_period", self.control_period, "s")
+        check_positive("control_period", self.control_period, "s")
         self._follow_orbit()
-        _check_positive("mean_motion", self.mean_motion, "rad/s", largest=FASTEST_ORBIT)
-        _check_positive("gravitational_parameter", self.gravitational_parameter, "m^3/s^2", largest=1e25)
+        check_positive("mean_motion", self.mean_motion, "rad/s", largest=FASTEST_ORBIT)
+        check_positive("gravitational_parameter", self.gravitational_parameter, "m^3/s^2", largest=1e25)
         self._check_modulator()
         self._check_discharge()
+        self._check_storage()
 
     def _follow_orbit(self) -> None:
         """Take what the orbit gives from it, and refuse other values beside it."""
@@ -491,6 +271,24 @@ class Spacecraft:
                 f"got {self.orbit.eccentricity!r}"
             )
         return self.mean_motion
+
+    def _check_storage(self) -> None:
+        _check_names("reaction_wheels", self.reaction_wheels)
+        _check_names("control_moment_gyros", self.control_moment_gyros)
+        free = np.array(self.inertia)
+        for wheel in self.reaction_wheels:
+            free -= wheel.inertia * np.outer(wheel.axis, wheel.axis)
+        smallest = float(np.linalg.eigvalsh(free).min())
+        if self.reaction_wheels and not smallest > 1e-6 * np.abs(free).max():
+            raise ValueError(
+                "reaction_wheels: the inertia must be that with all rotors held, and without their own about "
+                f"their axes have positive principal moments, got {smallest:.4g} kg m^2"
+            )
+
+    @property
+    def stores_momentum(self) -> bool:
+        """Whether it has reaction wheels or control-moment gyros."""
+        return bool(self.reaction_wheels or self.control_moment_gyros)
 
     @property
     def number_of_thrusters(self) -> int:
@@ -651,13 +449,24 @@ def _reach(effectiveness: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach
 
 
+def _check_names(what: str, actuators: tuple[Any, ...]) -> None:
+    names: dict[str, int] = {}
+    for number, one in enumerate(actuators, start=1):
+        if one.name in names:
+            raise ValueError(
+                f"{what} {names[one.name]} and {number} are both named {shown(one.name)}; "
+                "a name of its own for each would be right"
+            )
+        names[one.name] = number
+
+
 def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
     matrix = np.array(inertia)
     require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
     largest = float(np.abs(matrix).max())
     if largest == 0.0:
         raise ValueError("inertia must have positive principal moments, got nine zeros")
-    _check_size("inertia: its largest entry", largest, "kg m^2", low=1.0 / LARGEST)
+    check_size("inertia: its largest entry", largest, "kg m^2", low=1.0 / LARGEST)
     if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * largest):
         raise ValueError(
             f"inertia is {inertia!r}, which is not symmetric; "
@@ -674,19 +483,3 @@ def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
             "inertia must be that of a body, each principal moment at most the sum of the other two, "
             f"got {first:.6g}, {second:.6g} and {third:.6g} kg m^2"
         )
-
-
-def _check_positive(what: str, value: float, unit: str, largest: float = LARGEST) -> None:
-    require(math.isfinite(value) and value > 0.0, what, value, f"a positive number of {unit}")
-    _check_size(what, value, unit, low=1.0 / LARGEST, high=largest)
-
-
-def _check_not_negative(what: str, value: float, unit: str, largest: float = LARGEST) -> None:
-    require(math.isfinite(value) and value >= 0.0, what, value, f"a finite number of {unit}, zero or more")
-    _check_size(what, value, unit, high=largest)
-
-
-def _check_size(what: str, value: float, unit: str, low: float = 0.0, high: float = LARGEST) -> None:
-    """Refuse a finite number that no spacecraft has and from which numbers that are not finite may come."""
-    if not low <= value <= high:
-        raise ValueError(f"{what} must be from {low:g} to {high:g} {unit}, got {value!r}")

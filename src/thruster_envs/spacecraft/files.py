@@ -27,6 +27,8 @@ from thruster_envs.text_files import printable, read_text
 
 _TABLES = ("orbit", "feed", "sensors", "modulator", "discharge", "provenance")
 
+_LISTS = ("thrusters", "reaction_wheels", "control_moment_gyros")
+
 _KEY_END = re.compile(r"[\n=,{#]")
 _DEEPEST_KEY = 100  # dots in a dotted key
 
@@ -87,14 +89,15 @@ def save(spacecraft: Spacecraft, path: str | PathLike[str]) -> None:
         ValueError: A text with half of a surrogate pair, which no file can have.
     """
     document = spacecraft.to_dict()
-    thrusters = document.pop("thrusters")
+    actuators = {name: document.pop(name) for name in _LISTS}
     tables = {name: document.pop(name) for name in _TABLES}
     lines = _entries(document)
     for name, table in tables.items():
         if table:
             lines += ["", f"[{name}]", *_entries(table)]
-    for thruster in thrusters:
-        lines += ["", "[[thrusters]]", *_entries(thruster)]
+    for name, ones in actuators.items():
+        for one in ones:
+            lines += ["", f"[[{name}]]", *_entries(one)]
     content = ("\n".join(lines) + "\n").encode("utf-8")  # before the file is touched: it may fail
     Path(path).write_bytes(content)
 

@@ -28,6 +28,10 @@ FloatArray = NDArray[np.float64]
 Observations = NDArray[np.float32]
 
 
+#: Largest speed of a wheel that is observed, over that up to which its motor pushes.
+_OVERSPEED = 2.0
+
+
 @dataclass(frozen=True)
 class Feature:
     """A group of neighbouring numbers of an observation.
@@ -188,6 +192,8 @@ class Task(ABC):
     max_episode_steps: ClassVar[int | None]
     #: Whether its craft move.
     flies: ClassVar[bool] = True
+    #: Whether it takes vehicles with reaction wheels or control-moment gyros.
+    takes_storage: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         coerce_fields(self)
@@ -198,6 +204,12 @@ class Task(ABC):
             raise ValueError(
                 f"max_substep must be from {shortest:.3g} s ({MOST_SUBSTEPS} in a control period) to 60 s "
                 f"(its error grows with the fourth power), got {self.max_substep!r}"
+            )
+        if self.vehicle.stores_momentum and not self.takes_storage:
+            raise ValueError(
+                f"spacecraft must have no reaction wheels and no control-moment gyros for "
+                f"{type(self).__name__}, got {self.vehicle.name!r} with {len(self.vehicle.reaction_wheels)} "
+                f"and {len(self.vehicle.control_moment_gyros)}"
             )
         if self.flies:
             check_flyable(self.vehicle, self.max_substep)
@@ -229,6 +241,25 @@ class Task(ABC):
     def action_size(self) -> int:
         """Numbers in one agent's action: one for each choice, or the duty of each thruster, 0..1."""
         return self.vehicle.number_of_thrusters if self.choices is None else len(self.choices)
+
+    @cached_property
+    def storage_size(self) -> int:
+        """Numbers that follow the duties in an agent's action: one for each wheel, then one for each gyro.
+
+        -1..1, shares of the largest torque of a wheel's motor and of the largest rate of a gimbal.
+        """
+        return len(self.vehicle.reaction_wheels) + len(self.vehicle.control_moment_gyros)
+
+    @cached_property
+    def storage_features(self) -> tuple[Feature, ...]:
+        """What an agent observes of wheels and gyros, after all else; nothing of a vehicle without any."""
+        wheels, gyros = len(self.vehicle.reaction_wheels), len(self.vehicle.control_moment_gyros)
+        groups = (
+            Feature("measured speeds of the wheels", wheels, _OVERSPEED, "largest speed of each"),
+            Feature("cosines of the measured gimbal angles", gyros, 1.0, "1"),
+            Feature("sines of the measured gimbal angles", gyros, 1.0, "1"),
+        )
+        return tuple(group for group in groups if group.size > 0)
 
     @cached_property
     @abstractmethod

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.pulsed_fleet import BIAS_TORQUE, PulsedFleet, check_torques, discharge_of
+from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, check_torques, discharge_of
 from thruster_envs.physics.vehicle import open_vehicle
 from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.spacecraft.description import Vector
@@ -86,7 +87,7 @@ class FormationAttitudeModel:
 class FormationAttitudeState(TaskState):
     """Arrays of a batch: targets, pulses owed and accounts."""
 
-    fleet: PulsedFleet
+    fleet: Fleet
     model: FormationAttitudeModel
     targets: FloatArray  # (worlds, craft, 4), attitude from the leader's body; the leader's from the frame
     owed: FloatArray  # (worlds, craft, n), pulses commanded by duties and not fired yet
@@ -112,7 +113,7 @@ class FormationAttitude(Task):
         gravity_gradient: Whether the gravity gradient acts.
         bias_torque: A constant torque on every craft, N m, body axes.
         fault_bias: Torque that comes with a fault of a discharge, N m, for one that takes thrust and one that
-            adds some; see :data:`thruster_envs.physics.pulsed_fleet.REPORTED_FAULT_BIAS`.
+            adds some; see :data:`thruster_envs.physics.pulsed_craft.REPORTED_FAULT_BIAS`.
         rate_soft_limit: Body rate above which ``cost`` counts, rad/s.
         rate_limit: Body rate at which a craft is lost, rad/s.
         balance_price: What it costs to have used twice the formation's mean or more, per step; an error of
@@ -214,10 +215,12 @@ class FormationAttitude(Task):
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
         """Arrays for that many worlds."""
         vehicle, craft = self.vehicle, self.craft
-        fleet = PulsedFleet(
-            vehicle, worlds, craft, slots=self.fault_slots, gravity_gradient=self.gravity_gradient,
-            bias_torque=self.bias_torque, fault_bias=self.fault_bias, max_substep=self.max_substep,
-            threads=threads,
+        fleet = Fleet(
+            vehicle, worlds, craft, slots=self.fault_slots, max_substep=self.max_substep, threads=threads,
+            pulsed=PulsedFlight(
+                gravity_gradient=self.gravity_gradient, bias_torque=self.bias_torque,
+                fault_bias=self.fault_bias,
+            ),
         )  # fmt: skip
         angles = np.radians([self.roll_degrees, self.pitch_degrees, self.yaw_degrees])
         limits = np.array(

@@ -106,6 +106,7 @@ class FormationKeeping(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel")
     max_episode_steps: ClassVar[int | None] = 120
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -178,6 +178,7 @@ class MarsRendezvous(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("corridor", "attitude", "fuel", "progress", "capture")
     max_episode_steps: ClassVar[int | None] = None
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -121,6 +121,7 @@ class OrionRendezvous(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("fuel", "progress", "arrival")
     max_episode_steps: ClassVar[int | None] = None
+    takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -342,7 +342,7 @@ def _fire(
     arrays, delivered, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
     """Fire the pulse of the present period in some worlds and measure it."""
-    data, faults, streams = arrays
+    data, faults, streams = arrays[0], arrays[1], arrays[2]
     n, lanes, columns, thruster = (
         capacitors.shape[0],
         data.shape[2],

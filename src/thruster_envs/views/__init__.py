@@ -13,6 +13,7 @@ from thruster_envs.views.actions import (
     VectorHoldAction,
     VectorMapperAction,
 )
+from thruster_envs.views.states import fork, get_state, set_state
 
 if TYPE_CHECKING:
     from thruster_envs.views.parallel import FormationAttitudeParallelEnv, FormationParallelEnv
@@ -29,6 +30,9 @@ __all__ = [
     "VectorBeliefAction",
     "VectorHoldAction",
     "VectorMapperAction",
+    "fork",
+    "get_state",
+    "set_state",
 ]
 
 

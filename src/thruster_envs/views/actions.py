@@ -13,6 +13,7 @@ and makes the mapper forget it where an episode begins.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -43,6 +44,19 @@ _MEMORY = "mapper/"
 """What the names of a mapper's memory begin with in a saved state."""
 
 
+def check_without_storage(task: Any) -> None:
+    """Refuse a task whose craft have actuators that no mapper knows.
+
+    Raises:
+        ValueError: One line says so.
+    """
+    if task.storage_size:
+        raise ValueError(
+            f"spacecraft must have no reaction wheels and no control-moment gyros for an action through a "
+            f"mapper, got {task.vehicle.name!r} with {task.storage_size} of them"
+        )
+
+
 class _Allocation:
     """What both forms of both wrappers share: from policy actions to duties."""
 
@@ -61,6 +75,7 @@ class _Allocation:
             )
         self.thrusters = self.task.vehicle.number_of_thrusters
         #: Numbers of an action: a rate change, and what the environment takes beside duties, as it takes it.
+        check_without_storage(self.task)
         self.size = 6 + self.task.action_size - self.thrusters
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):
@@ -94,6 +109,16 @@ class _Allocation:
         """(worlds, 6) what the mapper carries over, m/s then rad/s; a copy."""
         assert self.memory is not None  # whoever asks has looked
         return np.array(self.memory.remainder, dtype=np.float64).reshape(-1, 6)
+
+    def save_memory(self) -> dict[str, NDArray[Any]]:
+        """What the mapper owes, as copies by name; nothing of one without a memory."""
+        remembered = {} if self.memory is None else self.memory.save_state()
+        return {f"{_MEMORY}{name}": copy for name, copy in remembered.items()}
+
+    def restore_memory(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`save_memory` gave."""
+        if self.memory is not None:
+            self.memory.restore_state({name.removeprefix(_MEMORY): one for name, one in saved.items()})
 
     def from_health(self, health: Array) -> Array:
         """(worlds, n) believed health 0..1 to actions beneath."""
@@ -171,6 +196,14 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
         ]
         return duties
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """What the mapper owes, as copies by name."""
+        return self._allocation.save_memory()
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`own_state` gave."""
+        self._allocation.restore_memory(state)
+
     def _told(self, info: dict[str, Any]) -> dict[str, Any]:
         if self._allocation.memory is not None:
             info["remainder"] = self._allocation.remainder()[0]
@@ -217,19 +250,21 @@ class VectorMapperAction(VectorWrapper):
             self._tell(infos, np.ones(self.num_envs, np.bool_))
         return observations, rewards, terminated, truncated, infos
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """What the mapper owes, as copies by name."""
+        return self._allocation.save_memory()
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`own_state` gave."""
+        self._allocation.restore_memory(state)
+
     def save_state(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, the mapper's memory among it, as copies by name."""
-        memory = self._allocation.memory
-        remembered = {} if memory is None else memory.save_state()
-        return _batch(self).save_state() | {f"{_MEMORY}{name}": copy for name, copy in remembered.items()}
+        return _batch(self).save_state() | self.own_state()
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
-        if self._allocation.memory is not None:
-            remembered = {
-                name.removeprefix(_MEMORY): array for name, array in saved.items() if name.startswith(_MEMORY)
-            }
-            self._allocation.memory.restore_state(remembered)
+        self.set_own_state({name: array for name, array in saved.items() if name.startswith(_MEMORY)})
         _batch(self).restore_state(saved)
 
     def _tell(self, infos: dict[str, Any], mask: NDArray[np.bool_]) -> None:
@@ -280,6 +315,14 @@ class BeliefAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         observation, reward, terminated, truncated, info = self.env.step(duties)
         return self._seen(observation), reward, terminated, truncated, info
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """The last belief."""
+        return {"belief": self._belief.copy()}
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`own_state` gave."""
+        self._belief = _belief_in(state, self._belief)
+
     def _seen(self, observation: Any) -> Any:
         return (
             np.concatenate([observation, self._belief.astype(np.float32)]) if self._observe else observation
@@ -325,14 +368,22 @@ class VectorBeliefAction(VectorWrapper):
         self._belief[begins] = 1.0
         return self._seen(observations), rewards, terminated, truncated, infos
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """The last beliefs."""
+        return {"belief": self._belief.copy()}
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what :meth:`own_state` gave."""
+        self._belief = _belief_in(state, self._belief)
+
     def save_state(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, the last beliefs among it, as copies by name."""
-        return _batch(self).save_state() | {"belief": self._belief.copy()}
+        return _batch(self).save_state() | self.own_state()
 
     def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
         _batch(self).restore_state(saved)
-        self._belief = saved["belief"].copy()
+        self.set_own_state(saved)
 
     def _seen(self, observations: Any) -> Any:
         return (
@@ -354,6 +405,8 @@ class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         env: Any single environment of this suite, or a mapper around it.
         periods: For how many control periods each action is held.
     """
+
+    remembers_nothing = True
 
     def __init__(self, env: gym.Env[Any, Any], periods: int) -> None:
         check_whole("periods", periods, 1, _LONGEST_HOLD)
@@ -391,6 +444,7 @@ class VectorHoldAction(VectorWrapper):
     """
 
     any_autoreset_mode = True
+    remembers_nothing = True
 
     def __init__(self, env: VectorEnv[Any, Any, Any], periods: int) -> None:
         if not isinstance(env, TaskVectorEnv):
@@ -428,6 +482,14 @@ def _batch(wrapper: VectorWrapper) -> TaskVectorEnv:
     base = wrapper.env.unwrapped
     assert isinstance(base, TaskVectorEnv)  # the constructor takes no other
     return base
+
+
+def _belief_in(state: Mapping[str, NDArray[Any]], like: Array) -> Array:
+    """A copy of the belief in a saved state."""
+    shape = np.shape(state["belief"]) if "belief" in state else None
+    if shape != like.shape:
+        raise ValueError(f"the saved belief must have the shape {like.shape}, got {shape}")
+    return np.array(state["belief"], np.float64)
 
 
 def _health(actions: Array) -> Array:

@@ -15,6 +15,7 @@ from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_flag, checked_render_mode, info_of_agent, make_task
 from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.states import MidEpisode
 from thruster_envs.views.worlds import Step, Worlds
 
 with extra("multi-agent", __name__):
@@ -25,7 +26,7 @@ Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # untyped
+class TaskParallelEnv(MidEpisode, ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]  # untyped
     """One world of a task whose craft are agents; subclasses name the task.
 
     Args:
@@ -155,6 +156,14 @@ class TaskParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: igno
         if self.render_mode == "human":
             self._camera.show()
         return None
+
+    def _own_state(self) -> dict[str, NDArray[Any]]:
+        return {"over": np.array(not self.agents)}
+
+    def _set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self.agents = [] if bool(state["over"]) else list(self.possible_agents)
+        if self.render_mode is not None and self.worlds.begun:
+            self._camera.begin()
 
     def close(self) -> None:
         """Close the window, if there is one."""

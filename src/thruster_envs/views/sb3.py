@@ -26,6 +26,7 @@ from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.inputs import NotReset, checked_actions, checked_seed
 from thruster_envs.views.single import checked_flag, flattened, make_task
 from thruster_envs.views.spaces import action_space, observation_space
+from thruster_envs.views.states import MidEpisode
 from thruster_envs.views.vector import TaskVectorEnv
 from thruster_envs.views.worlds import Step, Worlds
 
@@ -251,6 +252,14 @@ class SB3VecEnv(_BatchVecEnv):
         frames: Any = self.env.render() if self.env.render_mode == "rgb_array" else None
         return list(frames) if frames is not None else [None] * self.num_envs
 
+    def own_state(self) -> dict[str, NDArray[Any]]:
+        """Nothing: the environment beneath has it all."""
+        return {}
+
+    def set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: ARG002  # there is none
+        """The infos of the last step are those of another one now."""
+        self._latest = {} if self._latest is None else self._latest
+
     def _attribute(self, name: str) -> Any:
         if name == "render_mode":
             return self.env.render_mode
@@ -319,6 +328,7 @@ def _of_row(infos: dict[str, Any], row: int | tuple[int, int]) -> dict[str, Any]
 class _Recorder(VectorWrapper):
     """Hands everything through, and keeps copies of the observations that it handed through last."""
 
+    remembers_nothing = True
     observations: Any = None
     final: Any = None
     copy_of_final: Any = None
@@ -405,7 +415,7 @@ def _watched(env: VectorEnv[Any, Any, Any]) -> list[_Watched]:
     return watched
 
 
-class SharedPolicyVecEnv(_BatchVecEnv):
+class SharedPolicyVecEnv(MidEpisode, _BatchVecEnv):
     """Formations under one shared policy: every commanded craft of every world is one row.
 
     Rows are world-major. All craft of a world end together; each gets its own terminal observation, and a
@@ -511,6 +521,9 @@ class SharedPolicyVecEnv(_BatchVecEnv):
             observations = self._rows(self.worlds.observe())
         rewards = step.rewards.reshape(-1).astype(np.float32)
         return observations, rewards, np.repeat(step.done, self.craft), infos
+
+    def _set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: ARG002  # worlds have it all
+        self._latest = self._info(None)
 
     def _rows(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         return observations.reshape(self.num_envs, -1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import MODES
-from thruster_envs.faults.encoding import FIELD_THRUSTER
+from thruster_envs.faults.encoding import FIELD_KIND, FIELD_THRUSTER, WHEEL_TORQUE_LOSS
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.rendering import CraftScene, Curve, Renderer, Scene
@@ -132,7 +132,10 @@ class Camera:
                 attitude=_unit(fleet.read(at.ATTITUDE, 4)[world, c]),
                 duties=np.clip(_drawable(fleet.read(fleet.rows.duties, n)[world, c]), 0.0, 1.0),
                 thrust=np.clip(_drawable(fleet.read(fleet.rows.delivered, n)[world, c] / firing), 0.0, 1.0),
-                faulty=np.isin(np.arange(n), rows[c, active[c], FIELD_THRUSTER]),
+                faulty=np.isin(
+                    np.arange(n),
+                    rows[c, active[c] & (rows[c, :, FIELD_KIND] < WHEEL_TORQUE_LOSS), FIELD_THRUSTER],
+                ),
                 shut=np.zeros(n, np.bool_) if valves is None else valves[c],
                 path=path[:, c],
                 target=_drawable(slots[c]),

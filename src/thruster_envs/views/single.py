@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar
 
@@ -18,13 +19,14 @@ from thruster_envs.views.inputs import checked_actions, checked_seed
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
+from thruster_envs.views.states import MidEpisode
 from thruster_envs.views.worlds import Step, Worlds
 
 Observation = NDArray[np.float32]
 _ONE = np.zeros(1, np.int64)
 
 
-class TaskEnv(gym.Env[Observation, Any]):
+class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
     """One world of a task, one commanded craft; subclasses name the task.
 
     Args:
@@ -99,6 +101,10 @@ class TaskEnv(gym.Env[Observation, Any]):
         raise gym.error.Error(
             "render_mode is None; make the environment with render_mode='rgb_array' or 'human'"
         )
+
+    def _set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: ARG002  # the path begins anew
+        if self.render_mode is not None and self.worlds.begun:
+            self._camera.begin()
 
     def close(self) -> None:
         """Close the window, if there is one."""

@@ -12,15 +12,16 @@ from thruster_envs.tasks import Task
 
 def observation_space(task: Task) -> spaces.Box[np.float32]:
     """Box of one agent's observation, float32, finite, bounds feature by feature."""
-    low = np.concatenate([np.full(feature.size, feature.low) for feature in task.features])
-    high = np.concatenate([np.full(feature.size, feature.bound) for feature in task.features])
+    features = (*task.features, *task.storage_features)
+    low = np.concatenate([np.full(feature.size, feature.low) for feature in features])
+    high = np.concatenate([np.full(feature.size, feature.bound) for feature in features])
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
 def action_space(task: Task) -> spaces.Space[Any]:
-    """MultiDiscrete where the task has choices, Discrete if one; else Box [-1, 1] per thruster, float32."""
+    """MultiDiscrete where the task has choices, Discrete if one; else Box [-1, 1] per actuator, float32."""
     if task.choices is not None and len(task.choices) == 1:
         return spaces.Discrete(task.choices[0])
     if task.choices is not None:
         return spaces.MultiDiscrete(list(task.choices))
-    return spaces.Box(-1.0, 1.0, (task.action_size,), dtype=np.float32)
+    return spaces.Box(-1.0, 1.0, (task.action_size + task.storage_size,), dtype=np.float32)

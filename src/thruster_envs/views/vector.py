@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,6 +24,7 @@ from thruster_envs.views.single import (
 )
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
+from thruster_envs.views.states import MidEpisode
 from thruster_envs.views.worlds import MOST_WORLDS, Step, Worlds
 
 Observations = NDArray[np.float32]
@@ -32,7 +33,7 @@ _End = tuple[NDArray[np.bool_], dict[str, Any]]
 _ARGUMENTS = ("num_envs", "max_episode_steps", "render_mode", "autoreset_mode", "threads", "flat_info")
 
 
-class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
+class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
     """Many worlds of a task, one commanded craft in each; subclasses name the task.
 
     World ``i`` of a batch reset with ``seed=s`` equals the single environment reset with ``seed=s + i`` bit
@@ -65,6 +66,7 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
     }
     task_type: ClassVar[type[Task]]
     fixed: ClassVar[dict[str, Any]] = {}
+    made_with: ClassVar[tuple[str, ...]] = ("autoreset_mode",)
     _spec: EnvSpec | None = None
     _cameras: Sequence[Camera] = ()  # where the constructor fails there are none to close
 
@@ -313,17 +315,15 @@ class TaskVectorEnv(VectorEnv[Observations, Any, Any]):
         """Which worlds will begin a new episode at the next step, whatever the action (NEXT_STEP only)."""
         return self._over.copy()
 
-    def save_state(self) -> dict[str, NDArray[Any]]:
-        """Everything that later steps depend on, as copies by name; :meth:`restore_state` goes back to it.
+    def _own_state(self) -> dict[str, NDArray[Any]]:
+        return {"over": self._over.copy(), "own_seeds": np.array(self._seeds is not None)}
 
-        Before the first reset too: what is restored then waits for its first reset as well.
-        """
-        return self.worlds.save() | {"over": self._over.copy()}
-
-    def restore_state(self, saved: dict[str, NDArray[Any]]) -> None:
-        """Go back to what :meth:`save_state` gave, in an environment of the same configuration."""
-        self.worlds.restore(saved)
-        self._over = saved["over"].copy()
+    def _set_own_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._over = state["over"].copy()
+        own = bool(state["own_seeds"])
+        self._seeds = tuple(map(self.worlds.seed_of, range(self.num_envs))) if own else None
+        for camera in self._cameras if self.worlds.begun else ():
+            camera.begin()
 
 
 def _added(total: Step, step: Step, seen: NDArray[np.bool_]) -> Step:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
 from thruster_envs.tasks.results import write_results
 from thruster_envs.views.inputs import NotReset, checked_options
+from thruster_envs.views.storage import Storage
 
 _LOW = 2**64 - 1
 _NO_LIMIT = 2**62
@@ -123,6 +124,9 @@ class Worlds:
         self.seeded, self.begun = False, False
         self._seeds: list[tuple[np.int64, int]] = []
         self._shape = (number, len(task.agents), task.action_size)
+        #: Called in each step with what is over, before any world begins anew; set while a step is recorded.
+        self.watcher: Callable[[NDArray[np.bool_]], None] | None = None
+        self._storage = Storage(self.fleet, task) if task.storage_size else None
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
         self._nobody, self._everybody = np.zeros(number, np.bool_), np.ones(number, np.bool_)
 
@@ -197,7 +201,8 @@ class Worlds:
 
     def observe(self) -> Observations:
         """(worlds, agents, observation_size), a new array."""
-        return self.task.observe(self.state)
+        observations = self.task.observe(self.state)
+        return observations if self._storage is None else self._storage.observed(observations)
 
     def step(self, actions: ArrayLike, *, begins: NDArray[np.bool_] | None = None) -> Step:
         """Let one control period pass in every world.
@@ -215,10 +220,17 @@ class Worlds:
         """
         self.require_reset("step")
         array = np.asarray(actions, dtype=np.float64)
+        if self._storage is not None:
+            array = self._storage.commanded(array, self._shape)
         if array.shape != self._shape:
             raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
+        if self.watcher is not None:
+            over = self.task.outcome(self.state).terminated
+            self.watcher(
+                over if self.max_episode_steps is None else over | (self.steps >= self.max_episode_steps)
+            )
         if begins is None:
             return self._results(self._nobody)
         which = np.flatnonzero(begins)
@@ -243,7 +255,7 @@ class Worlds:
         )  # fmt: skip
         active = self.fleet.active(self.steps, self.task.first_commanded, agents)
         stale = self.fleet.stale()[:, self._commanded]
-        return Step(self.task.observe(self.state), numbers, flags, ends, active, stale, ended)
+        return Step(self.observe(), numbers, flags, ends, active, stale, ended)
 
     def _duties(self, actions: FloatArray) -> FloatArray:
         duties = np.empty(self._shape)
@@ -288,7 +300,7 @@ class Worlds:
             [array.copy() for array in self._told],
             step.active,
             step.stale,
-            self.task.report(self.state),
+            self._report(),
         )
 
     def info_of(self, step: Step, agent: int) -> dict[str, Any]:
@@ -301,7 +313,7 @@ class Worlds:
             step.stale[:, agent],
             {
                 group: {name: array[:, agent] for name, array in entries.items()}
-                for group, entries in self.task.report(self.state).items()
+                for group, entries in self._report().items()
             },
         )
 
@@ -318,9 +330,14 @@ class Worlds:
                     name: array.item(agent) if array.ndim == 2 else array[0, agent].copy()
                     for name, array in entries.items()
                 }
-                for group, entries in self.task.report(self.state).items()
+                for group, entries in self._report().items()
             },
         )
+
+    def _report(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """What else there is to report: group to name to (worlds, agents, ...), new arrays."""
+        stored = {} if self._storage is None else self._storage.report()
+        return self.task.report(self.state) | stored
 
     def _info(
         self,
@@ -358,7 +375,8 @@ class Worlds:
         """Everything that later steps depend on, as copies by name."""
         own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
         told = {f"told.{name}": array.copy() for name, array in self._told._asdict().items()}
-        return self.state.save() | own | told | {"seeded": np.array(self.seeded)}
+        flags = {"seeded": np.array(self.seeded), "begun": np.array(self.begun)}
+        return self.state.save() | own | told | flags
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what :meth:`save` gave.
@@ -373,7 +391,7 @@ class Worlds:
         self.state.restore(dict(saved))
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
-        self.seeded = self.begun = bool(saved["seeded"])
+        self.seeded, self.begun = bool(saved["seeded"]), bool(saved["begun"])
         for name, array in self._told._asdict().items():
             array[...] = saved[f"told.{name}"]
 
@@ -390,9 +408,6 @@ class Worlds:
         told.axis[which] = rows[..., code.FIELD_AXIS]
 
 
-_WHOLE = ("thruster", "kind", "sensor", "axis")
-
-
 class _Told(NamedTuple):
     """What ``info`` tells of the faults of an episode, (worlds, agents, slots)."""
 
@@ -406,7 +421,11 @@ class _Told(NamedTuple):
     @classmethod
     def empty(cls, *shape: int) -> _Told:
         """No faults."""
-        return cls(*(np.zeros(shape, np.int64 if name in _WHOLE else np.float64) for name in cls._fields))
+
+        def whole() -> NDArray[np.int64]:
+            return np.zeros(shape, np.int64)
+
+        return cls(whole(), whole(), np.zeros(shape), np.zeros(shape), whole(), whole())
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:

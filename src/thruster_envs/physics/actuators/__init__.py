@@ -1,0 +1,1 @@
+"""The mathematics of each kind of actuator that stores momentum, one module each."""
