@@ -227,7 +227,7 @@ class Worlds:
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
         if self.watcher is not None:
-            over = self.task.outcome(self.state).terminated
+            over = self.task.outcome(self.state).terminated != 0
             self.watcher(
                 over if self.max_episode_steps is None else over | (self.steps >= self.max_episode_steps)
             )
