@@ -277,6 +277,22 @@ def test_wrappers_are_recorded_as_they_are():
     assert_same(flat, fly(gym.make_vec(ORION, num_envs=2), seeds=0, steps=4))
 
 
+def test_wheels_and_gyros_are_recorded_and_idle_without_a_command():
+    craft = load("orion").to_dict()
+    wheel = {"inertia": 0.05, "max_torque": 0.1, "max_speed": 500.0, "initial_speed": 100.0}
+    craft["reaction_wheels"] = [
+        wheel | {"name": "a", "axis": (1.0, 0.0, 0.0)},
+        wheel | {"name": "b", "axis": (0.0, 1.0, 0.0)},
+    ]
+    recording = fly(ORION, "idle", seeds=[0, 1], steps=3, spacecraft=craft)
+    assert recording.action.shape == (6, 14)
+    assert (recording.action[:, 12:] == 0.0).all()
+    assert (recording.wheel_torque == 0.0).all()
+    assert recording[1].wheel_speed.shape == (4, 2)
+    assert np.allclose(recording.wheel_speed, 100.0, rtol=0.05)
+    assert recording.channels["wheel_speed"].unit == "rad/s"
+
+
 def test_metadata_say_how_it_was_made():
     recording = fly(DIAGNOSIS, "idle", seeds=5, steps=2, faults=[{"thruster": 3, "kind": "leak"}])
     assert recording.metadata["environment"] == DIAGNOSIS

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import thruster_envs
 from thruster_envs.configuration import as_plain, nearest, shown
 from thruster_envs.extras import extra
-from thruster_envs.faults import KINDS
+from thruster_envs.faults import KINDS, SENSOR_KINDS, SENSORS
 from thruster_envs.physics import rows as at
 from thruster_envs.recordings import Channel, Recording, concatenate
 from thruster_envs.tasks.contract import check_whole
@@ -483,10 +483,13 @@ class _Idle:
             raise ValueError(
                 "policy 'idle' does not know what nothing means to the wrappers of env; give one"
             )
-        nothing = -1.0 if env.unwrapped.task.choices is None else 0
+        task = env.unwrapped.task
+        nothing = -1.0 if task.choices is None else 0
         self.actions: Any = {
             agent: np.full(space.shape or (), nothing, space.dtype) for agent, space in own.items()
         }
+        for action in self.actions.values() if task.storage_size else ():
+            action[..., -task.storage_size :] = 0.0  # of wheels and gimbals
         if not isinstance(form, _Parallel):
             self.actions = self.actions[""]
 
@@ -712,6 +715,8 @@ class _Book:
             "agents": list(task.agents),
             "period": task.vehicle.control_period,
             "fault_kinds": list(KINDS),
+            "sensors": list(SENSORS),
+            "sensor_kinds": list(SENSOR_KINDS),
             "versions": {
                 "thruster_envs": thruster_envs.__version__,
                 "gymnasium": gym.__version__,
@@ -724,10 +729,12 @@ class _Book:
 #: What the agents of a world share.
 _ONCE = ("time", "terminated", "truncated")
 #: Of the truth, what belongs to a step: what was commanded for its period, and what came of it.
-_OF_STEPS = ("duty", "delivered", "impulse", "measured_change", "expected_change")
+_OF_STEPS = (
+    "duty", "delivered", "impulse", "measured_change", "expected_change", "wheel_torque", "gimbal_rate",
+)  # fmt: skip
 _TRUE = (
     "position", "velocity", "attitude", "rate", "mass", "measured_position", "measured_velocity",
-    "measured_attitude", "measured_rate", *_OF_STEPS,
+    "measured_attitude", "measured_rate", "wheel_speed", "gimbal_angle", *_OF_STEPS,
 )  # fmt: skip
 #: Units, and labels of the last axis where they are not numbers.
 _KNOWN: dict[str, tuple[str, tuple[str, ...] | None]] = {
@@ -744,6 +751,10 @@ _KNOWN: dict[str, tuple[str, tuple[str, ...] | None]] = {
     "measured_change": ("m/s, rad/s", _AXES),
     "expected_change": ("m/s, rad/s", _AXES),
     "impulse": ("N s, N m s", _AXES),
+    "wheel_speed": ("rad/s", None),
+    "gimbal_angle": ("rad", None),
+    "storage/wheel_speed": ("rad/s", None),
+    "storage/gimbal_angle": ("rad", None),
     "delivered": ("s", None),
     "fuel": ("s", None),
     "fault/onset": ("s", None),
@@ -762,7 +773,7 @@ def _truth(worlds: Worlds) -> dict[str, Array]:
     """
     fleet, task = worlds.fleet, worlds.task
     rows = fleet.read(0, at.DUTIES)
-    n, duties = task.vehicle.number_of_thrusters, fleet.rows.duties
+    n = task.vehicle.number_of_thrusters
     found = {"time": worlds.steps * task.vehicle.control_period}
     its: dict[str, Array] = {}
     if task.flies:
@@ -776,11 +787,18 @@ def _truth(worlds: Worlds) -> dict[str, Array]:
     if task.flies or task.choices is None:
         changes = at.MEASURED_CHANGE, at.EXPECTED_CHANGE, at.IMPULSE
         measured, expected, impulse = (rows[..., k : k + 6] for k in changes)
-        thrusters = fleet.read(duties, 2 * n)
         its |= {
-            "mass": rows[..., at.MASS], "duty": thrusters[..., :n], "delivered": thrusters[..., n:],
+            "mass": rows[..., at.MASS], "duty": fleet.read(fleet.rows.duties, n),
+            "delivered": fleet.read(fleet.rows.delivered, n),
             "measured_change": measured, "expected_change": expected, "impulse": impulse,
         }  # fmt: skip
+        for name, row, count in (
+            ("wheel_torque", fleet.rows.wheel_torques, fleet.rows.number_of_wheels),
+            ("wheel_speed", fleet.rows.wheel_speeds, fleet.rows.number_of_wheels),
+            ("gimbal_rate", fleet.rows.gimbal_rates, fleet.rows.number_of_gyros),
+            ("gimbal_angle", fleet.rows.gimbal_angles, fleet.rows.number_of_gyros),
+        ):
+            its |= {name: fleet.read(row, count)} if count else {}
     return found | {name: array if fleet.craft > 1 else array[:, 0] for name, array in its.items()}
 
 
