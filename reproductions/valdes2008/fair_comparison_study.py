@@ -161,15 +161,15 @@ def _changes(kind: str) -> tuple[FloatArray, FloatArray]:
     return severities, np.maximum.accumulate(np.abs(thrust_of(**changed(kind, severities)) - 1.0))
 
 
-def changed(kind: str, severity: FloatArray) -> dict[str, FloatArray]:
+def changed(kind: str, severity: FloatArray | float) -> dict[str, FloatArray]:
     """Arguments of `pulse_waveforms` for a cause of this severity."""
-    mass, width, resistance = pulse_of(kind, severity)
+    mass, width, resistance = pulse_of(kind, np.asarray(severity))
     nominal = {
         "slug_mass": CIRCUIT.slug_mass * mass,
         "electrode_width": CIRCUIT.electrode_width * width,
         "added_resistance": resistance,
     }
-    return {name: value for name, value in nominal.items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in nominal.items() if isinstance(value, np.ndarray | np.floating)}
 
 
 def _targets(rng: np.random.Generator, count: int) -> FloatArray:
