@@ -1,7 +1,7 @@
 """Motion about an orbit: Kepler's equation, transition matrices, and what craft do about each kind of orbit.
 
 Judged by closed forms, by SciPy's integration of two independent orbits in inertial space, and by the
-propagator of Yamanaka and Ankersen in `beyond` where it is installed.
+propagator of Yamanaka and Ankersen in `beyond`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import mpmath
 import numpy as np
 import pytest
 from numba import njit
@@ -160,9 +161,6 @@ def test_a_velocity_error_becomes_the_published_drift_in_an_orbit_of_ninety_minu
 @pytest.mark.parametrize("orientation", ["LVLH", "QSW"])
 def test_the_propagator_of_beyond_says_the_same(orientation):
     """Its axes: along-track, minus cross-track, minus radial ("LVLH"), or ours ("QSW")."""
-    pytest.importorskip(
-        "beyond", reason="beyond comes with the bench extra: pip install 'thruster-envs[bench]'"
-    )
     from beyond.constants import Earth
     from beyond.dates import Date, timedelta
     from beyond.frames.frames import HillFrame
@@ -187,6 +185,26 @@ def test_the_propagator_of_beyond_says_the_same(orientation):
         for duration in (100.0, 12_345.0, 51_579.0, 90_000.0):
             exact = theirs.T @ np.array(chaser.propagate(timedelta(seconds=duration)))
             assert_close(transition_matrix(orbit, duration) @ START, exact, 1e-8)
+
+
+@pytest.mark.parametrize("duration", [1e-3, 1.0, 20.0, 600.0])
+def test_the_matrix_of_a_circular_orbit_loses_no_digits_over_short_times(duration):
+    n = 1.1e-3
+    with mpmath.workdps(40):
+        t, angle = mpmath.mpf(duration), mpmath.mpf(n) * duration
+        s, c = mpmath.sin(angle), mpmath.cos(angle)
+        exact = np.array(
+            [
+                [4 - 3 * c, 0, 0, s / n, 2 * (1 - c) / n, 0],
+                [6 * (s - angle), 1, 0, -2 * (1 - c) / n, 4 * s / n - 3 * t, 0],
+                [0, 0, c, 0, 0, s / n],
+                [3 * n * s, 0, 0, c, 2 * s, 0],
+                [-6 * n * (1 - c), 0, 0, -2 * s, 4 * c - 3, 0],
+                [0, 0, -n * s, 0, 0, c],
+            ],
+            float,
+        )
+    np.testing.assert_allclose(transition_matrix(n, duration), exact, rtol=1e-15, atol=0.0)
 
 
 # Motion, in sub-steps --------------------------------------------------------------------------------

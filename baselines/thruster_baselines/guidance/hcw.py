@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thruster_envs.physics.orbits import transition_matrix
+from thruster_envs.physics.orbits import angle_minus_sine, transition_matrix
 from thruster_envs.protocols import FloatArray
 
 __all__ = ["force_response", "transition_matrix"]
@@ -32,7 +32,7 @@ def force_response(mean_motion: float, duration: float) -> FloatArray:
     n, angle = mean_motion, mean_motion * duration
     s = np.sin(angle)
     v = 2.0 * np.sin(0.5 * angle) ** 2
-    d = _angle_minus_sine(angle)
+    d = angle_minus_sine(angle)
     along_position = 4.0 * v / n**2 - 1.5 * duration**2
     return np.array(
         [
@@ -44,14 +44,3 @@ def force_response(mean_motion: float, duration: float) -> FloatArray:
             [0.0, 0.0, s / n],
         ]
     )
-
-
-def _angle_minus_sine(angle: float) -> float:
-    """`angle - sin(angle)` without the loss of digits at small angles."""
-    if abs(angle) > 0.5:
-        return float(angle - np.sin(angle))
-    square = angle * angle
-    series = 1.0
-    for k in (19, 17, 15, 13, 11, 9, 7, 5):
-        series = 1.0 - square / (k * (k - 1)) * series
-    return angle * square / 6.0 * series

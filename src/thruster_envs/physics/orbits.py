@@ -597,21 +597,36 @@ def transition_matrix(orbit: Orbit | float, duration: float, time: float = 0.0) 
     return np.array([*r, *v])
 
 
-@njit(forceinline=True)
-def hill_transition(n, t):
-    """State transition matrix of the Hill-Clohessy-Wiltshire equations over ``t`` seconds, six rows."""
-    s, c = math.sin(n * t), math.cos(n * t)
+def _hill_transition(n, t):
+    """State transition matrix of the Hill-Clohessy-Wiltshire equations over ``t`` seconds, six rows.
+
+    Without cancellation, however short the time.
+    """
+    angle = n * t
+    s, c, half = math.sin(angle), math.cos(angle), math.sin(0.5 * angle)
+    v = 2.0 * half * half  # 1 - cos
+    d = angle_minus_sine(angle)
     return (
-        (4 - 3 * c, 0.0, 0.0, s / n, 2 * (1 - c) / n, 0.0),
-        (6 * (s - n * t), 1.0, 0.0, -2 * (1 - c) / n, 4 * s / n - 3 * t, 0.0),
+        (1.0 + 3.0 * v, 0.0, 0.0, s / n, 2.0 * v / n, 0.0),
+        (-6.0 * d, 1.0, 0.0, -2.0 * v / n, (s - 3.0 * d) / n, 0.0),
         (0.0, 0.0, c, 0.0, 0.0, s / n),
-        (3 * n * s, 0.0, 0.0, c, 2 * s, 0.0),
-        (-6 * n * (1 - c), 0.0, 0.0, -2 * s, 4 * c - 3, 0.0),
+        (3.0 * n * s, 0.0, 0.0, c, 2.0 * s, 0.0),
+        (-6.0 * n * v, 0.0, 0.0, -2.0 * s, 1.0 - 4.0 * v, 0.0),
         (0.0, 0.0, -n * s, 0.0, 0.0, c),
     )
 
 
-_hill_transition = hill_transition.py_func
+def angle_minus_sine(angle: float) -> float:
+    """``angle - sin(angle)`` without loss of digits at small angles, rad."""
+    if abs(angle) > 0.5:
+        return angle - math.sin(angle)
+    square = angle * angle
+    series = 1.0
+    for k in (19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0):
+        series = 1.0 - square / (k * (k - 1.0)) * series
+    return angle * square / 6.0 * series
+
+
 
 
 @njit
