@@ -125,37 +125,38 @@ def equal_substeps(b, w, data, state, length, fewest, constants):
 
 
 @njit(forceinline=True)
-def load_state(b, data, columns, rows, state):
+def load_state(b, data, columns, rows, state, lanes):
     """Copy the state of a block and the true wrenches of its thrusters out of ``data``."""
     for k in range(STATE_ROWS):
-        for w in range(state.shape[1]):
+        for w in range(lanes):
             state[k, w] = data[b, k, w]
     for k in range(columns.shape[0]):
-        for w in range(state.shape[1]):
+        for w in range(lanes):
             columns[k, w] = data[b, rows.columns + k, w]
 
 
 @njit(forceinline=True)
-def freeze_lost(b, data, state):
+def freeze_lost(b, data, state, within, lanes):
     """Put craft that are lost back to where they were at the start of the period, and mark them so.
 
     Lost are those that turned too fast to be followed, those that have no mass left, and those of which a
-    number is not finite or out of any reach, in the unit that it has.
+    number is not finite or out of any reach, in the unit that it has. ``within`` (lanes,) is scratch.
     """
-    for w in range(state.shape[1]):
-        within = data[b, at.LOST, w] == 0.0 and state[_M, w] > 0.0
-        for k in range(STATE_ROWS):
-            within &= abs(state[k, w]) <= _OUT_OF_REACH
-        if not within:
+    for w in range(lanes):
+        within[w] = 1.0 if (data[b, at.LOST, w] == 0.0) & (state[_M, w] > 0.0) else 0.0
+    for k in range(STATE_ROWS):
+        for w in range(lanes):
+            within[w] = within[w] if abs(state[k, w]) <= _OUT_OF_REACH else 0.0
+    for w in range(lanes):
+        if within[w] == 0.0:
             data[b, at.LOST, w] = 1.0
             for k in range(STATE_ROWS):
                 state[k, w] = data[b, k, w]
 
 
 @njit(forceinline=True)
-def store_state(b, data, state, first):
+def store_state(b, data, state, first, lanes):
     """Write the moved state back from row ``first`` on, with the quaternion at unit length."""
-    lanes = state.shape[1]
     for w in range(lanes):
         q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
         state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]

@@ -27,17 +27,25 @@ CORNERS_WITH_DYNAMICS, CORNERS, FAULT_CORNERS = 7, 1, 5
 
 
 @njit(forceinline=True)
-def sort_rows(rows, comparators, first, last):
-    """Sort every lane of ``rows`` (k, lanes) upwards, by a fixed network of comparisons.
-
-    The network stands in ``comparators`` (p, 2) from ``first`` to ``last``.
-    """
-    for p in range(first, last):
+def sort_rows(rows, comparators, lanes):
+    """Sort each of the first lanes of ``rows`` upwards, by a fixed network of comparisons (p, 2)."""
+    for p in range(comparators.shape[0]):
         i, j = comparators[p, 0], comparators[p, 1]
-        for w in range(rows.shape[1]):
+        for w in range(lanes):
             a, b = rows[i, w], rows[j, w]
             rows[i, w] = a if a < b else b
             rows[j, w] = b if a < b else a
+
+
+@njit
+def insert_sorted(rows, w, number, value):
+    """Put a value into the ``number`` sorted rows of lane ``w``, and return how many they are then."""
+    k = number
+    while k > 0 and rows[k - 1, w] > value:
+        rows[k, w] = rows[k - 1, w]
+        k -= 1
+    rows[k, w] = value
+    return number + 1
 
 
 @njit(forceinline=True)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -47,6 +48,7 @@ from thruster_envs.physics.vehicle import (
     SHORT_SUBSTEP,
     STANDARD_GRAVITY,
     arrange_rows,
+    open_batch,
     open_vehicle,
     pack_pulses,
     pack_vehicle,
@@ -150,7 +152,6 @@ class Fleet:
         self.vehicle = pack_vehicle(
             spacecraft,
             constants if pulsed is None else pulsed.turning(constants, spacecraft, slots),
-            slots=slots,
             nonlinear=nonlinear,
             max_substep=max_substep,
             pulses=None if pulsed is None else pack_pulses(pulsed.pulses_of(spacecraft, max_substep)),
@@ -336,6 +337,22 @@ class Fleet:
         for body in range(flat.shape[0]):
             self.data[body // self.lanes, row : row + flat.shape[1], body % self.lanes] = flat[body]
 
+    def describe_faults(
+        self, which: NDArray[np.int64], first: int, described: tuple[NDArray[Any], ...]
+    ) -> None:
+        """Write what the encoded faults of some worlds are into arrays (worlds, craft, slots).
+
+        Args:
+            which: (k,), the worlds.
+            first: The first of their craft that the arrays are about.
+            described: Number of the thruster from 1, those of a redundant branch after the others; code of
+                the kind; severity; onset, s; code of the sensor; axis.
+        """
+        stored = self.faults if self.storage_faults is None else self.storage_faults
+        for faults in {id(one): one for one in (self.faults, self.sensor_faults, stored)}.values():
+            fresh = faults is self.faults
+            _describe(faults, which, (self.craft, first, self.rows.thrusters), fresh, described)
+
     def fault_rows(self, which: NDArray[np.int64] | None = None) -> FloatArray:
         """A copy of the encoded faults of some worlds, or of all: (worlds, craft, slots, 13)."""
         worlds = self.everyone if which is None else which
@@ -484,7 +501,8 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 @kernel
 def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
-    data, faults, streams, storage_faults = arrays
+    batch = open_batch(arrays)
+    data, faults, streams, storage_faults = batch.data, batch.faults, batch.streams, batch.storage_faults
     (wrenches, tilts), (encoded, table, drawn) = nominal, plan
     sensor_faults, sensors_fail = of_sensors
     at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
@@ -555,13 +573,36 @@ def _begin_storage(arrays, parts, which, craft, speeds, angles):
 
 
 @kernel
+def _describe(faults, which, sizes, fresh, described):
+    """Write what a slot holds, or where it is not ``fresh`` only what holds something."""
+    (craft, first, n), lanes = sizes, faults.shape[1]
+    thruster, kind, severity, onset, sensor, axis = described
+    for world in which:
+        for c in range(thruster.shape[1]):
+            body = world * craft + first + c
+            b, w = body // lanes, body % lanes
+            for slot in range(faults.shape[2]):
+                fault = health.read_fault(faults, b, w, slot)
+                is_one = fault[code.FIELD_KIND] != code.EMPTY
+                if is_one or fresh:
+                    number = fault[code.FIELD_THRUSTER] + 1.0 + n * fault[code.FIELD_BRANCH]
+                    thruster[world, c, slot] = int(number) if is_one else 0
+                    kind[world, c, slot] = int(fault[code.FIELD_KIND])
+                    severity[world, c, slot] = fault[code.FIELD_SEVERITY]
+                    onset[world, c, slot] = fault[code.FIELD_ONSET]
+                    sensor[world, c, slot] = int(fault[code.FIELD_SENSOR])
+                    axis[world, c, slot] = int(fault[code.FIELD_AXIS])
+
+
+@kernel
 def _struck(faults, time, strikes):
     lanes, craft = faults.shape[1], strikes.shape[1]
     for world in range(strikes.shape[0]):
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             for slot in range(strikes.shape[2]):
-                strikes[world, c, slot] |= health.is_between(faults[b, w, slot], time[world])
+                fault = health.read_fault(faults, b, w, slot)
+                strikes[world, c, slot] |= health.is_between(fault, time[world])
 
 
 @kernel
@@ -573,7 +614,8 @@ def _active(faults, steps, period, craft, first, active):
             body = world * craft + first + c
             b, w = body // lanes, body % lanes
             for slot in range(active.shape[2]):
-                active[world, c, slot] |= health.is_between(faults[b, w, slot], time)
+                fault = health.read_fault(faults, b, w, slot)
+                active[world, c, slot] |= health.is_between(fault, time)
 
 
 @kernel

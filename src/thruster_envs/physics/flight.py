@@ -27,6 +27,7 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import symmetric_product
 from thruster_envs.physics.body import (
     MOST_SUBSTEPS,
+    STATE_ROWS,
     fastest_rate,
     freeze_lost,
     load_state,
@@ -36,11 +37,13 @@ from thruster_envs.physics.body import (
     substep,
     substep_rate,
 )
+from thruster_envs.physics.borrowed import borrow, keep
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.storage import (
     StorageWork,
     load_storage,
     state_rows,
+    storage_arrays,
     storage_work,
     store_storage,
     substep_stored,
@@ -54,9 +57,14 @@ FloatArray = NDArray[np.float64]
 _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
 (
-    _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _UNTIL, _SPIN, _RATE, _MASS, _COUNT, _TAKEN,
-    _EXTRA, _CLOCK,
-) = range(15)  # fmt: skip
+    _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _COMMANDED, _UNTIL, _SPIN, _RATE, _MASS,
+    _SPIN_UP, _DRAIN, _TURNS, _COUNT, _TAKEN, _EXTRA, _CLOCK,
+) = range(19)  # fmt: skip
+#: Craft that a vector holds: those of a block are put in order by their rates, so that a vector of them is
+#: done when the slowest of its craft needs no more sub-steps.
+_VECTOR = 8
+#: From how many sub-steps of the fastest craft on that pays.
+_MANY_SUBSTEPS = 4.0
 #: Most rows of the schedule beside one for each corner; what finds no room waits until these are flown.
 _ROOM = 512
 # Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
@@ -71,20 +79,28 @@ _OPENING, _THRUST, _FLOOR, _SLOPE, _GAIN, _NODE_GROUPS = 0, 3, 6, 9, 12, 15
 
 
 class _Work(NamedTuple):
-    """Scratch of one block, (rows, lanes) each: what the constants above number the rows of."""
+    """Scratch of one block, (rows, lanes) each: what the constants above number the rows of.
 
+    ``lanes`` is their number once more, as a number that is not known when a kernel for many is compiled:
+    loops over it are then vectorised, and not unrolled before they could be.
+    """
+
+    lanes: int
     corners: FloatArray
     valves: FloatArray
     nodes: FloatArray
     columns: FloatArray
-    words: NDArray[np.uint64]
     state: FloatArray
     sums: FloatArray
     impulse: FloatArray
     clock: FloatArray
     schedule: FloatArray
-    cursor: NDArray[np.int64]
+    moving: FloatArray
     sight: FloatArray
+    words: NDArray[np.uint64]
+    cursor: NDArray[np.int64]
+    places: NDArray[np.int64]
+    steps: NDArray[np.int64]
     storage: StorageWork | None
 
 
@@ -102,23 +118,31 @@ def compile_period(lanes: int) -> Any:
         corners = of_valve * n + firing.FAULT_CORNERS * slots
         # Rows of a schedule: beside one for each corner,
         room = int(min(2.0 * constants.period / constants.short_substep, _ROOM)) + 2
-        work = _Work(
+        owned = (
             np.zeros((corners, lanes)),
             np.zeros((_VALVE_GROUPS * n, lanes)),
             np.zeros((_NODE_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
-            np.zeros((word_rows(n), lanes), np.uint64),
             np.zeros((state_rows(vehicle.storage, vehicle.rows), lanes)),
             np.zeros((3 * _SUMS, lanes)),
             np.zeros((_SUMS, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((_ENTRY * (corners + room), lanes)),
-            np.zeros(lanes, np.int64),
+            np.zeros((STATE_ROWS, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
-            storage_work(vehicle.storage, lanes),
         )
+        words, places = np.zeros((word_rows(n), lanes), np.uint64), np.zeros((3, lanes), np.int64)
+        stored = storage_arrays(vehicle.storage, lanes)
+        work = _Work(
+            lanes,
+            borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]), borrow(owned[4]),
+            borrow(owned[5]), borrow(owned[6]), borrow(owned[7]), borrow(owned[8]), borrow(owned[9]),
+            borrow(owned[10]), borrow(words), borrow(places[0]), borrow(places[1]), borrow(places[2]),
+            storage_work(stored),
+        )  # fmt: skip
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)
+        keep((owned, words, places, stored))
 
     return fly_period
 
@@ -127,43 +151,40 @@ def compile_period(lanes: int) -> Any:
 def _fly_block(b, batch, vehicle, move, work):
     data, clock, valves = batch.data, work.clock, work.valves
     constants, period, dynamic = vehicle.constants, vehicle.constants.period, vehicle.valves.dynamic
-    n, lanes = vehicle.rows.thrusters, work.state.shape[1]
-    load_state(b, data, work.columns, vehicle.rows, work.state)
+    n, lanes = vehicle.rows.thrusters, work.lanes
+    load_state(b, data, work.columns, vehicle.rows, work.state, lanes)
     load_storage(b, batch, vehicle, vehicle.storage, work.storage, work.state)
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
-    draw_words(b, batch, work.words, n)
-    node_count, busy_slots = _faults_of_period(b, batch.faults, batch.storage_faults, vehicle, work)
-    changing = busy_slots > 0
-    _command_valves(b, batch, vehicle, changing, work)
-    used = _corners_of_period(b, batch.faults, batch.storage_faults, vehicle, busy_slots, work)
-    networks, starts = vehicle.valves.networks, vehicle.valves.starts
-    firing.sort_rows(work.corners, networks, starts[busy_slots], starts[busy_slots + 1])
+    draw_words(b, batch, work.words, n, lanes)
+    node_count, changing, commanded = _faults_of_period(b, batch, vehicle, work)
+    _command_valves(b, batch, vehicle, commanded, work)
+    used = _corners_of_period(b, batch, vehicle, changing or commanded, work)
     for k in range(_SUMS):
         for w in range(lanes):
             work.impulse[k, w] = 0.0
     for i in range(n):
         for w in range(lanes):
             valves[_DELIVERED * n + i, w] = 0.0
-    _start_clock(constants, work)
+    _start_clock(constants, vehicle.storage, work)
     for s in range(used + 2):  # the last round only flies what is left on the schedule
-        for part in range(_parts(s, used, constants, work.corners, clock) if s <= used else 1):
+        for part in range(_parts(s, used, node_count, constants, work) if s <= used else 1):
             if s <= used:
                 for w in range(lanes):
                     length = clock[_PIECE, w] / clock[_PARTS, w]
                     clock[_LENGTH, w] = length if part < clock[_PARTS, w] else 0.0
                 if changing:
-                    _follow_changes(b, batch.faults, clock, node_count, work.nodes, n)
-                _openings(valves, clock, vehicle.thrusters, dynamic, node_count, work.nodes)
+                    _follow_changes(b, batch.faults, node_count, work, n)
+                _openings(vehicle.thrusters, dynamic, node_count, work)
                 _sum_thrusters(vehicle.thrusters, constants.coupling, node_count, work)
                 if changing:
                     _follow_tilts(b, batch.faults, node_count, work, n)
                 _accumulate(node_count, work, n)
                 if move:
-                    _cut(b, data, vehicle, clock, node_count, work.sums)
+                    _cut(b, data, vehicle, node_count, work)
             left = move
             while left:
-                left = s > used or _schedule(clock, node_count, work.sums, work.schedule, work.cursor)
+                left = s > used or _schedule(node_count, work)
                 if left:
                     _integrate(b, batch, vehicle, vehicle.storage, node_count, work)
                 left = left and s <= used
@@ -173,58 +194,79 @@ def _fly_block(b, batch, vehicle, move, work):
         for w in range(lanes):
             clock[_BEFORE, w] = work.corners[s, w] if s < used else period
     _store(b, data, vehicle, work)
-    if changing:
+    if commanded:
         for w in range(lanes):
-            if clock[_CHANGES, w] > 0.0:
+            if clock[_COMMANDED, w] > 0.0:
                 _hold_open(b, w, batch, vehicle, work)
     if move:
-        freeze_lost(b, data, work.state)
-        store_state(b, data, work.state, 0)
-        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        freeze_lost(b, data, work.state, work.sight[0], lanes)
+        store_state(b, data, work.state, 0, lanes)
+        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, work.state)
-        look(b, data, vehicle, work.words, work.state, work.sight)
+        look(b, data, vehicle, work.words, work.state, work.sight, lanes)
 
 
 @njit(forceinline=True)
-def _start_clock(constants, work):
-    clock, state = work.clock, work.state
-    for w in range(state.shape[1]):
+def _start_clock(constants, storage, work):
+    clock, state, places = work.clock, work.state, work.places
+    lanes, fastest = work.lanes, 0.0
+    for w in range(lanes):
         rate = (state[at.RATE, w], state[at.RATE + 1, w], state[at.RATE + 2, w])
         clock[_BEFORE, w] = 0.0
         clock[_SPIN, w] = abs(rate[0]) + abs(rate[1]) + abs(rate[2])
         clock[_RATE, w] = fastest_rate(rate, constants.gyroscopy)
         clock[_MASS, w], clock[_EXTRA, w] = state[at.MASS, w], 0.0
+        fastest = clock[_RATE, w] if clock[_RATE, w] > fastest else fastest
         work.cursor[w] = 0
+        places[w] = w
+    if storage is None and lanes > _VECTOR:
+        turning = fastest * max(1.0 / constants.far_turn, min(1.0 / constants.turn_limit, 1.0))
+        if turning * constants.period > _MANY_SUBSTEPS:
+            _rank(clock, places, lanes)
 
 
 @njit(forceinline=True)
-def _faults_of_period(b, faults, storage_faults, vehicle, work):
+def _rank(clock, places, lanes):
+    """Number the lanes by their rates, the fastest first; one without a finite rate comes last."""
+    for w in range(lanes):
+        clock[_PIECE, w] = clock[_RATE, w] if clock[_RATE, w] < math.inf else -1.0
+        places[w] = 0
+    for v in range(lanes):
+        rate = clock[_PIECE, v]
+        for w in range(lanes):
+            places[w] += (rate > clock[_PIECE, w]) | ((rate == clock[_PIECE, w]) & (v < w))
+
+
+@njit(forceinline=True)
+def _faults_of_period(b, batch, vehicle, work):
     """Sort out the faults of a block for one period.
 
     What is the same all period long is put into ``floor``, ``slope``, ``gain`` and ``columns`` once; craft
-    with a fault that begins, ends or varies within the period are marked in the clock. Returns how many nodes
-    a piece needs (one if everything is constant in it) and the number of the last slot in use in a marked
-    craft, from 1 (0 if none is marked).
+    with a fault that begins, ends or varies within the period, and those with one that acts on their
+    commands, are marked in the clock. Returns how many nodes a piece needs (one if everything is constant in
+    it), and whether a craft is marked for the one and for the other.
     """
-    clock, nodes, n, period = work.clock, work.nodes, vehicle.rows.thrusters, vehicle.constants.period
-    lanes = clock.shape[1]
-    busy_slots, smooth, faulty = 0, vehicle.valves.dynamic, False
+    faults, clock, nodes = batch.faults, work.clock, work.nodes
+    n, period = vehicle.rows.thrusters, vehicle.constants.period
+    lanes = work.lanes
+    smooth, faulty, changing, commanded = vehicle.valves.dynamic, False, False, False
     for w in range(lanes):
-        clock[_CHANGES, w], clock[_WAVES, w], clock[_UNTIL, w] = 0.0, 0.0, -1.0
+        clock[_CHANGES, w], clock[_COMMANDED, w] = 0.0, 0.0
+        clock[_WAVES, w], clock[_UNTIL, w] = 0.0, -1.0
         start = clock[_START, w]
         for k in range(faults.shape[2]):
-            if health.is_within(faults[b, w, k], start, start + period):
+            fault = health.read_fault(faults, b, w, k)
+            if health.is_within(fault, start, start + period):
+                if health.acts_on_commands(fault):
+                    commanded, clock[_COMMANDED, w] = True, 1.0
+                    continue
                 faulty = True
-                if not health.is_steady(faults[b, w, k], start, period):
-                    clock[_CHANGES, w] = 1.0
-                    if health.varies_smoothly(faults[b, w, k]):
+                if not health.is_steady(fault, start, period):
+                    changing, clock[_CHANGES, w] = True, 1.0
+                    if health.varies_smoothly(fault):
                         smooth, clock[_WAVES, w] = True, 1.0
-        if _storage_changes(b, w, storage_faults, start, period):
-            clock[_CHANGES, w] = 1.0
-        if clock[_CHANGES, w] > 0.0:
-            for k in range(busy_slots, faults.shape[2]):
-                there = health.is_there(_fault_in(b, w, k, faults, storage_faults))
-                busy_slots = k + 1 if there else busy_slots
+        if _storage_changes(b, w, batch.storage_faults, start, period):
+            changing, clock[_CHANGES, w] = True, 1.0
     node_count = 3 if smooth else 1
     for k in range(node_count * n):
         for w in range(lanes):
@@ -235,7 +277,7 @@ def _faults_of_period(b, faults, storage_faults, vehicle, work):
         for w in range(lanes):
             if clock[_CHANGES, w] == 0.0:
                 _apply_steady_faults(b, w, faults, period, node_count, work, n)
-    return node_count, busy_slots
+    return node_count, changing, commanded
 
 
 @njit(forceinline=True)
@@ -251,51 +293,46 @@ def _storage_changes(b, w, storage_faults, start, period):
     return changes
 
 
-@njit(forceinline=True)
-def _fault_in(b, w, k, faults, storage_faults):
-    """The fault in a slot, of a thruster or of what stores momentum."""
-    if storage_faults is None:
-        return faults[b, w, k]
-    return storage_faults[b, w, k] if health.is_there(storage_faults[b, w, k]) else faults[b, w, k]
-
-
 @njit
 def _apply_steady_faults(b, w, faults, period, node_count, work, n):
     """Put the faults of a craft all of whose faults are steady into its rows, for the whole period."""
     columns, middle = work.columns, work.clock[_START, w] + 0.5 * period
     _apply_faults(b, w, faults, middle, middle, node_count, work.nodes, n)
     for k in range(faults.shape[2]):
-        if health.is_active(faults[b, w, k], middle):
+        fault = health.read_fault(faults, b, w, k)
+        if health.tilts(fault) and health.is_active(fault, middle):
             health.tilt_columns(faults[b, w, k], middle, columns, w)
 
 
 @njit(forceinline=True)
-def _parts(s, used, constants, corners, clock):
+def _parts(s, used, node_count, constants, work):
     """Length of piece ``s`` of each craft, and into how many equal parts it goes.
 
     Returns the most of these, 0 if no craft has such a piece. A piece is one part, unless a fault that ramps
     or waves bends the thrust: then a part is no longer than a sub-step.
     """
-    most, longest = 1.0, 0.0
-    for w in range(clock.shape[1]):
+    clock, corners, most, longest = work.clock, work.corners, 1.0, 0.0
+    for w in range(work.lanes):
         after = corners[s, w] if s < used else constants.period
         length = after - clock[_BEFORE, w]
         length = length if length > 0.0 else 0.0
-        clock[_PIECE, w] = length
+        clock[_PIECE, w], clock[_PARTS, w] = length, 1.0
         longest = length if length > longest else longest
-        parts = math.ceil(length / constants.wave_part) if clock[_WAVES, w] > 0.0 else 1.0
-        parts = parts if parts > 1.0 else 1.0
-        clock[_PARTS, w] = parts
-        most = parts if parts > most else most
+    if node_count > 1:
+        for w in range(work.lanes):
+            parts = math.ceil(clock[_PIECE, w] / constants.wave_part) if clock[_WAVES, w] > 0.0 else 1.0
+            parts = parts if parts > 1.0 else 1.0
+            clock[_PARTS, w] = parts
+            most = parts if parts > most else most
     return int(most) if longest > 0.0 else 0
 
 
 @njit(forceinline=True)
-def _command_valves(b, batch, vehicle, changing, work):
+def _command_valves(b, batch, vehicle, commanded, work):
     """Opening and closing times in the period, carry-over, strength with scatter, nominal duration."""
     data, thrusters, rows = batch.data, vehicle.thrusters, vehicle.rows
     words, valves, state = work.words, work.valves, work.state
-    n, lanes = rows.thrusters, state.shape[1]
+    n, lanes = rows.thrusters, work.lanes
     period, dry_mass = vehicle.constants.period, vehicle.constants.dry_mass
     for i in range(n):
         minimum, opening_delay = thrusters.minimum_pulse[i], thrusters.opening_delay[i]
@@ -320,9 +357,9 @@ def _command_valves(b, batch, vehicle, changing, work):
         for w in range(lanes):
             strength = 1.0 + scatter * (2.0 * valves[_STRENGTH * n + i, w] - 1.0)
             valves[_STRENGTH * n + i, w] = strength if state[at.MASS, w] > dry_mass else 0.0
-    if changing:
+    if commanded:
         for w in range(lanes):
-            if work.clock[_CHANGES, w] > 0.0:
+            if work.clock[_COMMANDED, w] > 0.0:
                 _command_errors(b, w, batch, vehicle, valves)
     for i in range(n):
         for w in range(lanes):
@@ -344,7 +381,7 @@ def _command_valves(b, batch, vehicle, changing, work):
 def _store(b, data, vehicle, work):
     """What the period left behind: delivered on-times, impulse, open time, and the state of the valves."""
     thrusters, rows, period = vehicle.thrusters, vehicle.rows, vehicle.constants.period
-    valves, impulse, n, lanes = work.valves, work.impulse, rows.thrusters, work.state.shape[1]
+    valves, impulse, n, lanes = work.valves, work.impulse, rows.thrusters, work.lanes
     for i in range(n):
         minimum = thrusters.minimum_pulse[i]
         for w in range(lanes):
@@ -382,8 +419,11 @@ def _command_errors(b, w, batch, vehicle, valves):
     n, period = rows.thrusters, vehicle.constants.period
     start = data[b, at.STEP, w] * period
     for k in range(faults.shape[2]):
-        i = health.thruster_of(faults[b, w, k])
-        delay, _, added = health.command_error(faults[b, w, k], start)
+        fault = health.read_fault(faults, b, w, k)
+        if not (health.is_there(fault) and health.acts_on_commands(fault)):
+            continue
+        i = health.thruster_of(fault)
+        delay, _, added = health.command_error(fault, start)
         if data[b, rows.held + i, w] == 0.0:
             valves[_OPENS * n + i, w] += delay
         if added > 0.0:
@@ -398,8 +438,9 @@ def _hold_open(b, w, batch, vehicle, work):
     data, faults, rows, n = batch.data, batch.faults, vehicle.rows, vehicle.rows.thrusters
     start, period = work.clock[_START, w], vehicle.constants.period
     for k in range(faults.shape[2]):
-        if health.command_error(faults[b, w, k], start)[2] > 0.0:
-            i = health.thruster_of(faults[b, w, k])
+        fault = health.read_fault(faults, b, w, k)
+        if health.command_error(fault, start)[2] > 0.0:
+            i = health.thruster_of(fault)
             to_come = work.valves[_RUN * n + i, w] - period
             duty = health.biased_duty(faults[b, w], i, start, data[b, rows.duties + i, w], None)
             run = duty >= 1.0 and period >= vehicle.thrusters.minimum_pulse[i]
@@ -407,10 +448,10 @@ def _hold_open(b, w, batch, vehicle, work):
 
 
 @njit(forceinline=True)
-def _corners_of_period(b, faults, storage_faults, vehicle, busy_slots, work):
-    """Fill the rows of ``corners`` in use and return how many they are."""
+def _corners_of_period(b, batch, vehicle, faulty, work):
+    """Fill the rows of ``corners`` in use, in order, and return how many they are."""
     corners, valves, clock, thrusters = work.corners, work.valves, work.clock, vehicle.thrusters
-    n, lanes, period = vehicle.rows.thrusters, clock.shape[1], vehicle.constants.period
+    n, lanes, period = vehicle.rows.thrusters, work.lanes, vehicle.constants.period
     used = n
     if vehicle.valves.dynamic:
         for i in range(n):
@@ -426,26 +467,55 @@ def _corners_of_period(b, faults, storage_faults, vehicle, busy_slots, work):
             for w in range(lanes):
                 closing = valves[_CLOSES * n + i, w]
                 corners[i, w] = closing if (closing > 0.0) & (closing < period) else period
-    for w in range(lanes):
-        if clock[_CHANGES, w] > 0.0:
-            for k in range(busy_slots):
-                row = used + firing.FAULT_CORNERS * k
-                fault = faults[b, w, k]
-                either = _fault_in(b, w, k, faults, storage_faults)
-                health.fault_corners(either, clock[_START, w], period, corners, row, w)
-                opening = valves[_OPENS * n + health.thruster_of(fault), w]
-                late = health.is_late(fault) and opening < period
-                corners[row + 4, w] = opening if late else period
-        else:
-            for row in range(used, used + firing.FAULT_CORNERS * busy_slots):
-                corners[row, w] = period
-    return used + firing.FAULT_CORNERS * busy_slots
+    firing.sort_rows(corners, vehicle.valves.network, lanes)
+    most = used
+    if faulty:
+        for w in range(lanes):
+            clock[_COUNT, w] = used
+            if clock[_CHANGES, w] + clock[_COMMANDED, w] > 0.0:
+                clock[_COUNT, w] = _insert_corners(b, w, used, batch, vehicle, work)
+            most = max(most, int(clock[_COUNT, w]))
+        for w in range(lanes):
+            for k in range(int(clock[_COUNT, w]), most):
+                corners[k, w] = period
+    return most
+
+
+@njit
+def _insert_corners(b, w, used, batch, vehicle, work):
+    """Put the corners that faults add among the sorted ones of a craft, and return how many there are."""
+    corners, start, period = work.corners, work.clock[_START, w], vehicle.constants.period
+    n = vehicle.rows.thrusters
+    for k in range(batch.faults.shape[2]):
+        fault = health.read_fault(batch.faults, b, w, k)
+        if health.is_there(fault):
+            if health.is_late(fault):
+                opening = work.valves[_OPENS * n + health.thruster_of(fault), w]
+                if 0.0 < opening < period:
+                    used = firing.insert_sorted(corners, w, used, opening)
+            elif not health.acts_on_commands(fault):
+                for corner in health.fault_corners(fault, start, period):
+                    if 0.0 < corner < period:
+                        used = firing.insert_sorted(corners, w, used, corner)
+        used = _insert_storage_corners(b, w, k, used, batch.storage_faults, start, period, corners)
+    return used
 
 
 @njit(forceinline=True)
-def _openings(valves, clock, thrusters, dynamic, node_count, nodes):
+def _insert_storage_corners(b, w, k, used, storage_faults, start, period, corners):
+    """The same of the fault of a wheel or gyro, where there are any."""
+    if storage_faults is not None:
+        for corner in health.fault_corners(storage_faults[b, w, k], start, period):
+            if 0.0 < corner < period:
+                used = firing.insert_sorted(corners, w, used, corner)
+    return used
+
+
+@njit(forceinline=True)
+def _openings(thrusters, dynamic, node_count, work):
     """How far each thruster is open at the nodes of the piece, faults included."""
-    n, lanes = thrusters.thrust.shape[0], clock.shape[1]
+    valves, clock, nodes = work.valves, work.clock, work.nodes
+    n, lanes = thrusters.thrust.shape[0], work.lanes
     if dynamic:
         for i in range(n):
             rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
@@ -470,14 +540,15 @@ def _openings(valves, clock, thrusters, dynamic, node_count, nodes):
 
 
 @njit(forceinline=True)
-def _follow_changes(b, faults, clock, node_count, nodes, n):
+def _follow_changes(b, faults, node_count, work, n):
     """Renew what the faults make of the thrusters of the marked craft, for the coming piece."""
-    for w in range(clock.shape[1]):
+    clock = work.clock
+    for w in range(work.lanes):
         if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
             middle = clock[_BEFORE, w] + 0.5 * clock[_LENGTH, w]
             if middle >= clock[_UNTIL, w]:
                 start, length = clock[_START, w] + clock[_BEFORE, w], clock[_LENGTH, w]
-                _apply_faults(b, w, faults, start, start + length, node_count, nodes, n)
+                _apply_faults(b, w, faults, start, start + length, node_count, work.nodes, n)
                 clock[_UNTIL, w] = _next_change(b, w, faults, start + 0.5 * length) - clock[_START, w]
 
 
@@ -489,8 +560,9 @@ def _next_change(b, w, faults, t):
     """
     until = math.inf
     for k in range(faults.shape[2]):
-        if health.is_there(faults[b, w, k]):
-            until = min(until, health.next_change(faults[b, w, k], t))
+        fault = health.read_fault(faults, b, w, k)
+        if health.is_there(fault) and not health.acts_on_commands(fault):
+            until = min(until, health.next_change(fault, t))
     return until
 
 
@@ -498,9 +570,10 @@ def _next_change(b, w, faults, t):
 def _apply_faults(b, w, faults, start, end, node_count, nodes, n):
     """Floor, slope and gain of the faulty thrusters of a craft between two moments."""
     for k in range(faults.shape[2]):
-        if health.is_there(faults[b, w, k]):
-            i = health.thruster_of(faults[b, w, k])
-            first, middle, last = health.health_nodes(faults[b, w], i, start, end)
+        fault = health.read_fault(faults, b, w, k)
+        if health.is_there(fault) and not health.acts_on_commands(fault):
+            i = health.thruster_of(fault)
+            first, middle, last = health.health_nodes(faults, b, w, i, start, end)
             for node in range(node_count):
                 floor, slope, gain = first if node == 0 else (middle if node == 1 else last)
                 nodes[(_FLOOR + node) * n + i, w] = floor
@@ -516,7 +589,7 @@ def _sum_thrusters(thrusters, coupling, node_count, work):
     time: the sums then go through memory a quarter as often.
     """
     columns, valves, nodes, sums = work.columns, work.valves, work.nodes, work.sums
-    n, lanes = thrusters.thrust.shape[0], sums.shape[1]
+    n, lanes = thrusters.thrust.shape[0], work.lanes
     fours = n - n % 4
     for node in range(node_count):
         level, thrust, row = (_OPENING + node) * n, (_THRUST + node) * n, _SUMS * node
@@ -555,10 +628,10 @@ def _sum_thrusters(thrusters, coupling, node_count, work):
 def _follow_tilts(b, faults, node_count, work, n):
     """Turn the thrust of the misaligned thrusters of the marked craft."""
     clock = work.clock
-    for w in range(clock.shape[1]):
+    for w in range(work.lanes):
         if clock[_CHANGES, w] > 0.0 and clock[_LENGTH, w] > 0.0:
             for k in range(faults.shape[2]):
-                if health.tilts(faults[b, w, k]):
+                if health.tilts(health.read_fault(faults, b, w, k)):
                     _tilt_one(faults[b, w, k], w, node_count, work, n)
 
 
@@ -585,7 +658,7 @@ def _tilt_one(fault, w, node_count, work, n):
 def _accumulate(node_count, work, n):
     """Add the piece to the impulse, the open time and each thruster's delivered on-time."""
     clock, nodes, sums, impulse, valves = work.clock, work.nodes, work.sums, work.impulse, work.valves
-    lanes = clock.shape[1]
+    lanes = work.lanes
     if node_count == 1:
         for k in range(_SUMS):
             for w in range(lanes):
@@ -606,65 +679,82 @@ def _accumulate(node_count, work, n):
 
 
 @njit(forceinline=True)
-def _cut(b, data, vehicle, clock, node_count, sums):
+def _cut(b, data, vehicle, node_count, work):
     """Count into how many equal sub-steps the piece of each craft is cut.
 
     Craft have their pieces at different times; each one takes only the sub-steps that it needs. How far it
     can turn in a piece is bounded from its rate at the start of the period and the torques since then. One
     that needs more than can be flown is lost.
     """
-    constants, inverse = vehicle.constants, vehicle.body.inverse
-    last = _SUMS * (node_count - 1)
-    for w in range(clock.shape[1]):
+    constants, inverse, clock, sums = vehicle.constants, vehicle.body.inverse, work.clock, work.sums
+    last, bounded = _SUMS * (node_count - 1), constants.far_turn < math.inf
+    for w in range(work.lanes):
+        clock[_SPIN_UP, w], clock[_DRAIN, w] = 0.0, 0.0
+    for node in range(node_count):
+        k = _SUMS * node
+        for w in range(work.lanes):
+            torques = (sums[k + 3, w], sums[k + 4, w], sums[k + 5, w])
+            clock[_SPIN_UP, w] = _larger(clock[_SPIN_UP, w], size(symmetric_product(inverse, torques)))
+            clock[_DRAIN, w] = _larger(clock[_DRAIN, w], sums[k + _FLOW, w])
+    for w in range(work.lanes):
         length = clock[_LENGTH, w]
-        clock[_COUNT, w], clock[_TAKEN, w] = 0.0, 0.0
-        if length > 0.0 and data[b, at.LOST, w] == 0.0:
-            torque = max(
-                abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
-                abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
-            )
-            acceleration = constants.spin_per_torque * torque + constants.stored_spin
-            turns = max(
-                clock[_SPIN, w] * length / constants.turn_limit,
-                math.sqrt(acceleration / constants.twist_limit) * length,
-            )
-            turns = min(turns, length / constants.short_substep)
-            clock[_SPIN, w] += acceleration * length
-            spin_up, flow = 0.0, 0.0
-            for node in range(node_count):
-                k = _SUMS * node
-                torques = (sums[k + 3, w], sums[k + 4, w], sums[k + 5, w])
-                spin_up = max(spin_up, size(symmetric_product(inverse, torques)))
-                flow = max(flow, sums[k + _FLOW, w])
-            spin_up += constants.stored_spin
-            clock[_RATE, w] += spin_up * length
-            turns = max(turns, length * substep_rate(clock[_RATE, w], spin_up, constants))
-            if constants.far_turn < math.inf:
-                clock[_MASS, w] -= flow * length
-                left = clock[_MASS, w]
-                turns = max(turns, flow * length / (_DRAIN * left) if left > 0.0 else math.inf)
-            wanted = max(length / constants.max_substep, turns)
-            if clock[_EXTRA, w] + wanted <= MOST_SUBSTEPS + 1.0:
-                clock[_COUNT, w] = math.ceil(wanted)
-                clock[_EXTRA, w] += clock[_COUNT, w] - 1.0
-            else:
-                data[b, at.LOST, w] = 1.0
-
-
-#: Share of its mass that a craft may lose in one sub-step.
-_DRAIN = 0.1
+        torque = _larger(
+            abs(sums[3, w]) + abs(sums[4, w]) + abs(sums[5, w]),
+            abs(sums[last + 3, w]) + abs(sums[last + 4, w]) + abs(sums[last + 5, w]),
+        )
+        acceleration = constants.spin_per_torque * torque + constants.stored_spin
+        turns = _larger(
+            clock[_SPIN, w] * length / constants.turn_limit,
+            math.sqrt(acceleration / constants.twist_limit) * length,
+        )
+        shortest = length / constants.short_substep
+        clock[_TURNS, w] = turns if turns < shortest else shortest
+        clock[_SPIN, w] += acceleration * length
+    for w in range(work.lanes):
+        length = clock[_LENGTH, w]
+        spin_up = clock[_SPIN_UP, w] + constants.stored_spin
+        clock[_RATE, w] += spin_up * length
+        turns = length * substep_rate(clock[_RATE, w], spin_up, constants)
+        clock[_TURNS, w] = _larger(clock[_TURNS, w], turns)
+    if bounded:
+        for w in range(work.lanes):
+            used = clock[_DRAIN, w] * clock[_LENGTH, w]
+            left = clock[_MASS, w] - used
+            clock[_MASS, w] = left
+            turns = used / (_LARGEST_DRAIN * left) if left > 0.0 else math.inf
+            clock[_TURNS, w] = _larger(clock[_TURNS, w], turns)
+    for w in range(work.lanes):
+        length = clock[_LENGTH, w]
+        wanted = _larger(length / constants.max_substep, clock[_TURNS, w])
+        flies = (length > 0.0) & (data[b, at.LOST, w] == 0.0)
+        fits = (clock[_EXTRA, w] + wanted <= MOST_SUBSTEPS + 1.0) & (clock[_RATE, w] < math.inf)
+        count = np.ceil(wanted) if flies & fits else 0.0
+        clock[_COUNT, w], clock[_TAKEN, w] = count, 0.0
+        clock[_EXTRA, w] += count - 1.0 if count > 0.0 else 0.0
+        data[b, at.LOST, w] = 1.0 if flies & (not fits) else data[b, at.LOST, w]
 
 
 @njit(forceinline=True)
-def _schedule(clock, node_count, sums, schedule, cursor):
+def _larger(a, b):
+    """The larger of two numbers, and NaN where the second is that."""
+    return a if a >= b else b
+
+
+#: Share of its mass that a craft may lose in one sub-step.
+_LARGEST_DRAIN = 0.1
+
+
+@njit(forceinline=True)
+def _schedule(node_count, work):
     """Write the sub-steps of the piece of each craft into its schedule, as far as there is room.
 
     Returns whether there are some left.
     """
+    clock, sums, schedule, cursor = work.clock, work.sums, work.schedule, work.cursor
     room, left = schedule.shape[0] // _ENTRY, False
-    for w in range(clock.shape[1]):
+    for w in range(work.lanes):
         if clock[_COUNT, w] > 0.0:
-            length, share = clock[_LENGTH, w], 1.0 / clock[_COUNT, w]
+            length, share, place = clock[_LENGTH, w], 1.0 / clock[_COUNT, w], work.places[w]
             first = int(clock[_TAKEN, w])
             last = min(int(clock[_COUNT, w]), first + room - cursor[w])
             clock[_TAKEN, w] = last
@@ -672,15 +762,15 @@ def _schedule(clock, node_count, sums, schedule, cursor):
             for j in range(first, last):
                 row = _ENTRY * cursor[w]
                 cursor[w] += 1
-                schedule[row + _H, w] = length * share
+                schedule[row + _H, place] = length * share
                 if node_count == 1:
                     for k in range(_LOAD):
-                        schedule[row + 1 + k, w] = sums[k, w]
+                        schedule[row + 1 + k, place] = sums[k, w]
                 else:
                     for k in range(_LOAD):
                         for node in range(3):
                             at_node = _quadratic(sums, w, k, (j + 0.5 * node) * share)
-                            schedule[row + 1 + _LOAD * node + k, w] = at_node
+                            schedule[row + 1 + _LOAD * node + k, place] = at_node
     return left
 
 
@@ -696,27 +786,42 @@ def _quadratic(sums, w, k, s):
 def _integrate(b, batch, vehicle, storage, node_count, work):
     """Move the craft of the block through their schedules, and empty these.
 
-    Those with fewer sub-steps wait: their last ones have no length.
+    Those with fewer sub-steps wait for the others of their vector: their last ones have no length.
     """
-    schedule, cursor, state = work.schedule, work.cursor, work.state
-    lanes = state.shape[1]
-    most = 0
+    schedule, cursor, places, steps, state = (
+        work.schedule, work.cursor, work.places, work.steps, work.state,
+    )  # fmt: skip
+    lanes = work.lanes
+    vector = min(lanes, _VECTOR)
     for w in range(lanes):
-        most = cursor[w] if cursor[w] > most else most
+        steps[w] = 0
     for w in range(lanes):
-        for j in range(cursor[w], most):
-            schedule[_ENTRY * j + _H, w] = 0.0
+        v = places[w] // vector
+        steps[v] = cursor[w] if cursor[w] > steps[v] else steps[v]
+    for v in range(lanes // vector - 2, -1, -1):
+        steps[v] = steps[v] if steps[v] > steps[v + 1] else steps[v + 1]
+    for w in range(lanes):
+        for j in range(cursor[w], steps[places[w] // vector]):
+            schedule[_ENTRY * j + _H, places[w]] = 0.0
         cursor[w] = 0
     middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
     if storage is None:
-        body = vehicle.body
+        body, moving, most, width = vehicle.body, work.moving, steps[0], lanes
+        for k in range(STATE_ROWS):
+            for w in range(lanes):
+                moving[k, places[w]] = state[k, w]
         for j in range(most):
             a = _ENTRY * j + 1
-            for w in range(lanes):
+            while steps[width // vector - 1] <= j:
+                width -= vector
+            for w in range(width):
                 forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
-                substep(state, w, schedule[_ENTRY * j + _H, w], body, forces, torques, flows, None)
+                substep(moving, w, schedule[_ENTRY * j + _H, w], body, forces, torques, flows, None)
+        for k in range(STATE_ROWS):
+            for w in range(lanes):
+                state[k, w] = moving[k, places[w]]
     else:
-        for j in range(most):
+        for j in range(steps[0]):
             a = _ENTRY * j + 1
             for w in range(lanes):
                 forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)

@@ -20,6 +20,19 @@ from thruster_envs.faults import encoding as code
 from thruster_envs.faults.kinds import CODES, SPIKE_PROBABILITY, check_kind
 from thruster_envs.physics import rows as at
 
+# Reading one --------------------------------------------------------------------------------------------
+
+
+@njit(forceinline=True)
+def read_fault(faults, b, w, k):
+    """The columns of one encoded fault, as numbers: a kernel then touches only those that it asks for."""
+    return (
+        faults[b, w, k, 0], faults[b, w, k, 1], faults[b, w, k, 2], faults[b, w, k, 3], faults[b, w, k, 4],
+        faults[b, w, k, 5], faults[b, w, k, 6], faults[b, w, k, 7], faults[b, w, k, 8], faults[b, w, k, 9],
+        faults[b, w, k, 10], faults[b, w, k, 11], faults[b, w, k, 12],
+    )  # fmt: skip
+
+
 # When a fault acts --------------------------------------------------------------------------------------
 
 
@@ -89,39 +102,35 @@ def _turns(fault, time):
 
 
 @njit
-def fault_corners(fault, start, period, corners, row, w):
-    """Write the moments at which a fault begins, ends or has a kink into four rows of ``corners``.
+def fault_corners(fault, start, period):
+    """The four moments at which a fault begins, ends or has a kink, s after ``start``.
 
-    Those that do not lie inside the period become one of its ends.
+    Those that do not lie inside the period are one of its ends.
     """
-    for k in range(4):
-        corners[row + k, w] = period
-    if not is_there(fault):
-        return
-    onset = fault[code.FIELD_ONSET] - start
-    corners[row, w] = onset
-    corners[row + 1, w] = fault[code.FIELD_END] - start
-    length = fault[code.FIELD_PROFILE_TIME]
-    if fault[code.FIELD_PROFILE] == code.RAMP:
-        corners[row + 2, w] = onset + length
-    elif fault[code.FIELD_PROFILE] == code.SQUARE:
-        cycle = max(0.0, math.floor(-onset / length))
-        next_on = onset + cycle * length
-        next_off = next_on + fault[code.FIELD_DWELL] * length
-        corners[row + 2, w] = next_on if next_on > 0.0 else next_on + length
-        corners[row + 3, w] = next_off if next_off > 0.0 else next_off + length
-    for k in range(4):
-        corners[row + k, w] = min(max(corners[row + k, w], 0.0), period)
+    first, second, third, fourth = period, period, period, period
+    if is_there(fault):
+        onset = fault[code.FIELD_ONSET] - start
+        first, second = onset, fault[code.FIELD_END] - start
+        length = fault[code.FIELD_PROFILE_TIME]
+        if fault[code.FIELD_PROFILE] == code.RAMP:
+            third = onset + length
+        elif fault[code.FIELD_PROFILE] == code.SQUARE:
+            cycle = max(0.0, math.floor(-onset / length))
+            next_on = onset + cycle * length
+            next_off = next_on + fault[code.FIELD_DWELL] * length
+            third = next_on if next_on > 0.0 else next_on + length
+            fourth = next_off if next_off > 0.0 else next_off + length
+    return _within(first, period), _within(second, period), _within(third, period), _within(fourth, period)
+
+
+@njit(forceinline=True)
+def _within(t, period):
+    return min(max(t, 0.0), period)
 
 
 @njit
 def is_steady(fault, start, period):
-    """Whether a fault stays as it is all through a period of ``period`` seconds from ``start`` on.
-
-    One that acts on commands never counts as steady.
-    """
-    if acts_on_commands(fault):
-        return False
+    """Whether a fault stays as it is all through a period of ``period`` seconds from ``start`` on."""
     end = start + period
     if fault[code.FIELD_ONSET] > start or fault[code.FIELD_END] < end:
         return False
@@ -219,15 +228,16 @@ def health_at(faults, thruster, t, within, capacitors):
 
 
 @njit
-def health_nodes(faults, thruster, start, end):
+def health_nodes(faults, b, w, thruster, start, end):
     """Health of a thruster at the start, middle and end of a piece of time without corners.
 
-    Means over the piece by Simpson's rule are exact.
+    Means over the piece by Simpson's rule are exact. ``faults`` (blocks, lanes, slots, columns) are those of
+    a batch.
     """
     middle, first, between, last = 0.5 * (start + end), SOUND, SOUND, SOUND
     for rank in range(_RANKS):
-        for k in range(faults.shape[0]):
-            fault = faults[k]
+        for k in range(faults.shape[2]):
+            fault = read_fault(faults, b, w, k)
             if _rank(fault) == rank and thruster_of(fault) == thruster and is_active(fault, middle):
                 s0, sm, s1 = severity_nodes(fault, start, end)
                 kind = fault[code.FIELD_KIND]

@@ -40,11 +40,13 @@ from thruster_envs.physics.body import (
     store_state,
     substep,
 )
+from thruster_envs.physics.borrowed import borrow, keep
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.storage import (
     StorageWork,
     load_storage,
     state_rows,
+    storage_arrays,
     storage_work,
     store_storage,
     substep_stored,
@@ -104,8 +106,7 @@ def compile_period(lanes: int) -> Any:
     def fly_period(arrays, parts, move, first, last):
         batch, vehicle = open_batch(arrays), open_vehicle(parts)
         n, count = vehicle.rows.thrusters, vehicle.rows.carried + 1
-        work = _Work(
-            np.zeros((word_rows(n), lanes), np.uint64),
+        words, owned = np.zeros((word_rows(n), lanes), np.uint64), (
             np.zeros((_PULSE * count * n, lanes)),
             np.zeros((_VALVE_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
@@ -115,10 +116,16 @@ def compile_period(lanes: int) -> Any:
             np.zeros((_CLOCK, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
             np.zeros((2 * count + 4 * batch.faults.shape[2], 1)),
-            storage_work(vehicle.storage, lanes),
-        )
+        )  # fmt: skip
+        stored = storage_arrays(vehicle.storage, lanes)
+        work = _Work(
+            borrow(words), borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]),
+            borrow(owned[4]), borrow(owned[5]), borrow(owned[6]), borrow(owned[7]), borrow(owned[8]),
+            storage_work(stored),
+        )  # fmt: skip
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)
+        keep((words, owned, stored))
 
     @kernel
     def draw_phases(data, streams, which, craft, row):
@@ -187,10 +194,10 @@ def _fly_block(b, batch, vehicle, move, work):
     data, faults, rows, period = batch.data, batch.faults, vehicle.rows, vehicle.constants.period
     clock, valves, sums, state = work.clock, work.valves, work.sums, work.state
     n, lanes = rows.thrusters, state.shape[1]
-    load_state(b, data, work.columns, rows, state)
+    load_state(b, data, work.columns, rows, state, lanes)
     load_storage(b, batch, vehicle, vehicle.storage, work.storage, state)
     _command_valves(b, batch, vehicle, work.pulses, valves)
-    draw_words(b, batch, work.words, n)
+    draw_words(b, batch, work.words, n, lanes)
     _set_strengths(vehicle, work.words, state, valves)
     changing = False
     for w in range(lanes):
@@ -231,11 +238,11 @@ def _fly_block(b, batch, vehicle, move, work):
             _move(b, batch, vehicle, vehicle.storage, work)
     _store(b, data, vehicle, work.pulses, valves)
     if move:
-        freeze_lost(b, data, state)
-        store_state(b, data, state, 0)
-        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
+        freeze_lost(b, data, state, work.sight[0], lanes)
+        store_state(b, data, state, 0, lanes)
+        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, state)
-        look(b, data, vehicle, work.words, state, work.sight)
+        look(b, data, vehicle, work.words, state, work.sight, lanes)
 
 
 @njit(forceinline=True)
@@ -567,8 +574,9 @@ def _sorted_corners(b, w, i, faults, start, rows, work):
             used += 1
     for k in range(faults.shape[2]):
         if health.thruster_of(faults[b, w, k]) == i:
-            health.fault_corners(faults[b, w, k], start, h, corners, used, 0)
-            used += 4
+            for corner in health.fault_corners(faults[b, w, k], start, h):
+                corners[used, 0] = corner
+                used += 1
     for k in range(1, used):
         corner, place = corners[k, 0], k
         while place > 0 and corners[place - 1, 0] > corner:

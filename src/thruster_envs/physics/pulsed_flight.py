@@ -48,6 +48,7 @@ from thruster_envs.physics.attitude import (
     turn,
 )
 from thruster_envs.physics.body import STATE_ROWS, equal_substeps, freeze_lost, load_state, store_state
+from thruster_envs.physics.borrowed import borrow, keep
 from thruster_envs.physics.plasma_pulse import pulse_ratio
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
@@ -94,16 +95,20 @@ def compile_period(lanes: int) -> Any:
     def fly_period(arrays, parts, move, first, last):
         batch, vehicle = open_batch(arrays), open_vehicle(parts)
         n = vehicle.rows.thrusters
-        work = _Work(
-            np.zeros((word_rows(n), lanes), np.uint64),
+        words, owned = np.zeros((word_rows(n), lanes), np.uint64), (
             np.zeros((_FIRING_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
             np.zeros((STATE_ROWS, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
-        )
+        )  # fmt: skip
+        work = _Work(
+            borrow(words), borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]),
+            borrow(owned[4]),
+        )  # fmt: skip
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)
+        keep((words, owned))
 
     return fly_period
 
@@ -113,11 +118,11 @@ def _fly_block(b, batch, vehicle, move, work):
     data, faults, constants, bias = batch.data, batch.faults, vehicle.constants, vehicle.pulses.bias
     firings, columns, state, clock, sight = work.firings, work.columns, work.state, work.clock, work.sight
     n, lanes, period = vehicle.rows.thrusters, state.shape[1], constants.period
-    load_state(b, data, columns, vehicle.rows, state)
+    load_state(b, data, columns, vehicle.rows, state, lanes)
     for w in range(lanes):
         clock[_START, w], clock[_BEFORE, w], clock[_LENGTH, w] = data[b, at.STEP, w] * period, 0.0, period
         clock[_TORQUE, w], clock[_TORQUE + 1, w], clock[_TORQUE + 2, w] = bias[0], bias[1], bias[2]
-    draw_words(b, batch, work.words, n)
+    draw_words(b, batch, work.words, n, lanes)
     _ask(b, data, vehicle, work)
     late = False
     for w in range(lanes):
@@ -136,10 +141,10 @@ def _fly_block(b, batch, vehicle, move, work):
                 for w in range(lanes):
                     clock[_KICK + k, w] = data[b, at.IMPULSE + 3 + k, w]
             _move(b, data, vehicle, state, clock)
-        freeze_lost(b, data, state)
-        store_state(b, data, state, _Q)
-        expected_change(b, data, vehicle, firings, _NOMINAL * n, sight)
-        look(b, data, vehicle, work.words, state, sight)
+        freeze_lost(b, data, state, sight[0], lanes)
+        store_state(b, data, state, _Q, lanes)
+        expected_change(b, data, vehicle, firings, _NOMINAL * n, sight, lanes)
+        look(b, data, vehicle, work.words, state, sight, lanes)
         for k in range(3):
             for w in range(lanes):
                 data[b, at.EXPECTED_CHANGE + k, w], data[b, at.MEASURED_CHANGE + k, w] = 0.0, 0.0

@@ -44,14 +44,14 @@ def word_rows(n):
 
 
 @njit(forceinline=True)
-def draw_words(b, batch, words, n):
+def draw_words(b, batch, words, n, lanes):
     """Random words of the period, 6 + n / 2 of them.
 
     They give twelve normal numbers for the sensors, then one uniform number for each thruster.
     """
     data, streams = batch.data, batch.streams
     for block in range((6 + (n + 1) // 2 + 3) // 4):
-        for w in range(words.shape[1]):
+        for w in range(lanes):
             words[4 * block, w], words[4 * block + 1, w], words[4 * block + 2, w], words[4 * block + 3, w] = (
                 philox(
                     np.uint64(block),
@@ -147,14 +147,13 @@ _NORMAL, _OLD, _NEW, _CHANGE, SIGHT_ROWS = 0, 12, 25, 38, 44
 
 
 @njit(forceinline=True)
-def look(b, data, vehicle, words, state, sight):
+def look(b, data, vehicle, words, state, sight, lanes):
     """Measure every craft of a block after a period, and form the measured rate change.
 
     The noise comes from the first six random words of each lane. ``state`` (14, lanes) is the true state,
     ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
-    lanes, constants = sight.shape[1], vehicle.constants
-    body = vehicle.body
+    constants, body = vehicle.constants, vehicle.body
     if constants.uniform_errors > 0.0:
         for k in range(6):
             for w in range(lanes):
@@ -203,14 +202,14 @@ def look(b, data, vehicle, words, state, sight):
     for k in range(6):
         for w in range(lanes):
             data[b, at.MEASURED_CHANGE + k, w] = sight[_CHANGE + k, w]
-    _add_stored(b, data, vehicle, vehicle.storage, sight)
+    _add_stored(b, data, vehicle, vehicle.storage, sight, lanes)
 
 
 @njit(forceinline=True)
-def _add_stored(b, data, vehicle, storage, sight):
+def _add_stored(b, data, vehicle, storage, sight, lanes):
     """Take the turning by stored momentum out of the measured rate changes of a block."""
     if storage is not None:
-        for w in range(sight.shape[1]):
+        for w in range(lanes):
             add_stored(b, w, data, vehicle, sight[_OLD + 10 : _OLD + 13, w], sight[_NEW + 10 : _NEW + 13, w])
 
 
@@ -226,13 +225,13 @@ def add_stored(b, w, data, vehicle, before, after):
 
 
 @njit(forceinline=True)
-def expected_change(b, data, vehicle, durations, first_row, sight):
+def expected_change(b, data, vehicle, durations, first_row, sight, lanes):
     """Rate change that the nominal vehicle gives for the commanded pulses, feed coupling included.
 
     All pulses start together. A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one;
     ``durations`` holds ``u`` from ``first_row`` on, ``sight`` is scratch.
     """
-    n, lanes, believed = vehicle.rows.thrusters, durations.shape[1], vehicle.thrusters.believed
+    n, believed = vehicle.rows.thrusters, vehicle.thrusters.believed
     coupling = vehicle.constants.coupling
     for k in range(6):
         for w in range(lanes):

@@ -32,6 +32,7 @@ from thruster_envs.physics.attitude import (
     turn,
 )
 from thruster_envs.physics.body import STATE_ROWS, move
+from thruster_envs.physics.borrowed import borrow
 
 FloatArray = NDArray[np.float64]
 
@@ -63,15 +64,23 @@ def state_rows(storage, rows):
 
 
 @njit(forceinline=True)
-def storage_work(storage, lanes):
-    """The scratch of a vehicle's storage; None where it has none."""
+def storage_arrays(storage, lanes):
+    """The arrays of :class:`StorageWork`; None where a vehicle stores no momentum."""
     if storage is None:
         return None
-    return StorageWork(
+    return (
         np.zeros(lanes),
         np.zeros((wheel.WHEEL_ROWS, storage.wheels.shape[0])),
         np.zeros((gyro.GYRO_ROWS, storage.gyros.shape[0])),
     )
+
+
+@njit(forceinline=True)
+def storage_work(arrays):
+    """The scratch of a vehicle's storage in these arrays, which are borrowed."""
+    if arrays is None:
+        return None
+    return StorageWork(borrow(arrays[0]), borrow(arrays[1]), borrow(arrays[2]))
 
 
 @njit(forceinline=True)

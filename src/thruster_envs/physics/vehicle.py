@@ -20,6 +20,7 @@ from thruster_envs.physics import firing
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.actuators import gyros as gyro
 from thruster_envs.physics.actuators import wheels as wheel
+from thruster_envs.physics.borrowed import borrow
 from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
 from thruster_envs.spacecraft import Modulator, Spacecraft
 
@@ -176,13 +177,11 @@ class Valves(NamedTuple):
     """Valves that follow their commands by themselves.
 
     Attributes:
-        networks: (p, 2), networks that sort the corners of a period, one after the other, and
-        starts: where each begins, by the number of fault slots in use.
+        network: (p, 2), a network that sorts the corners of a period.
         dynamic: Whether a valve has delays or ramps.
     """
 
-    networks: NDArray[np.int64]
-    starts: NDArray[np.int64]
+    network: NDArray[np.int64]
     dynamic: bool
 
 
@@ -250,22 +249,30 @@ class Vehicle(NamedTuple):
 @njit(forceinline=True)
 def open_batch(arrays):
     """The :class:`Batch` of the arrays with which a kernel is called."""
-    return Batch(arrays[0], arrays[1], arrays[2], arrays[3])
+    return Batch(borrow(arrays[0]), borrow(arrays[1]), borrow(arrays[2]), _borrowed(arrays[3]))
+
+
+@njit(forceinline=True)
+def _borrowed(array):
+    """An array, or None."""
+    if array is None:
+        return None
+    return borrow(array)
 
 
 @njit(forceinline=True)
 def open_vehicle(parts):
     """The :class:`Vehicle` of the parts with which a kernel is called, as :func:`pack_vehicle` made them."""
-    numbers, body = parts[1], parts[3]
+    numbers, body = borrow(parts[1]), parts[3]
     constants = Constants(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
         numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
         numbers[16], numbers[17], numbers[18], numbers[19], numbers[20], _drift(numbers[21:]),
     )  # fmt: skip
     return Vehicle(
-        open_thrusters(parts[0]),
+        open_thrusters(borrow(parts[0])),
         constants,
-        _open_rows(parts[2]),
+        _open_rows(borrow(parts[2])),
         Body(body[0], body[1], constants.mean_motion, body[2]),
         _open_valves(parts[4]),
         _open_modulator(parts[5]),
@@ -303,14 +310,14 @@ def _open_rows(rows):
 def _open_valves(parts):
     if parts is None:
         return None
-    return Valves(parts[0], parts[1], parts[2])
+    return Valves(borrow(parts[0]), parts[1])
 
 
 @njit(forceinline=True)
 def _open_storage(parts):
     if parts is None:
         return None
-    return Storage(parts[0], parts[1])
+    return Storage(borrow(parts[0]), borrow(parts[1]))
 
 
 @njit(forceinline=True)
@@ -324,10 +331,10 @@ def _open_modulator(numbers):
 def _open_pulses(parts):
     if parts is None:
         return None
-    numbers = parts[2]
+    numbers = borrow(parts[2])
     return Pulses(
-        parts[0], parts[1], numbers[0], numbers[1], numbers[2], (numbers[3], numbers[4], numbers[5]),
-        numbers[6], numbers[7], numbers[8],
+        borrow(parts[0]), borrow(parts[1]), numbers[0], numbers[1], numbers[2],
+        (numbers[3], numbers[4], numbers[5]), numbers[6], numbers[7], numbers[8],
     )  # fmt: skip
 
 
@@ -344,7 +351,6 @@ def pack_vehicle(
     spacecraft: Spacecraft,
     constants: Constants,
     *,
-    slots: int,
     nonlinear: bool,
     max_substep: float | None,
     pulses: tuple[Any, ...] | None = None,
@@ -354,7 +360,6 @@ def pack_vehicle(
     Args:
         spacecraft: The vehicle.
         constants: Its scalars.
-        slots: Faults that one craft can have at once.
         nonlinear: Full two-body relative motion instead of Hill's equations.
         max_substep: Longest sub-step, s; None for the usual ones.
         pulses: As :func:`pack_pulses` gives it, where its thrusters fire as pulsed plasma thrusters.
@@ -370,14 +375,14 @@ def pack_vehicle(
         np.array([*constants[:-1], *constants.velocity_drift]),
         np.array(arrange_rows(spacecraft), np.int64),
         (_symmetric(inertia), _symmetric(np.linalg.inv(inertia)), radius),
-        None if modulated or pulses is not None else _pack_valves(thrusters, slots),
+        None if modulated or pulses is not None else _pack_valves(thrusters),
         _pack_modulator(spacecraft.modulator, spacecraft.control_period, max_substep),
         pulses,
         _pack_storage(spacecraft),
     )  # fmt: skip
 
 
-def _pack_valves(constants: FloatArray, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
+def _pack_valves(constants: FloatArray) -> tuple[NDArray[np.int64], bool]:
     thrusters = Thrusters(
         constants[0], constants[1], constants[2], constants[3], constants[4], constants[5], constants[6],
         constants[7], constants[8], constants[9:],
@@ -389,9 +394,7 @@ def _pack_valves(constants: FloatArray, slots: int) -> tuple[NDArray[np.int64], 
         or np.any(thrusters.fall_rate < 1.0 / _NO_TIME)
     )
     corners = thrusters.thrust.size * (firing.CORNERS_WITH_DYNAMICS if dynamic else firing.CORNERS)
-    networks = [_sorting_network(corners + firing.FAULT_CORNERS * busy) for busy in range(slots + 1)]
-    starts = np.cumsum([0] + [len(network) for network in networks])
-    return np.concatenate(networks), starts, dynamic
+    return _sorting_network(corners), dynamic
 
 
 def _pack_storage(spacecraft: Spacecraft) -> tuple[FloatArray, FloatArray] | None:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import nearest
 from thruster_envs.faults import FaultDistribution
-from thruster_envs.faults import encoding as code
 from thruster_envs.physics.fleet import FaultPlan
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of, options_of
@@ -397,15 +396,7 @@ class Worlds:
 
     def _tell(self, which: NDArray[np.int64]) -> None:
         """Note the faults with which the episodes of some worlds begin."""
-        told, rows = self._told, self.fleet.fault_rows(which)[:, self._commanded]
-        number = rows[..., code.FIELD_THRUSTER] + 1.0
-        number += self.task.vehicle.number_of_thrusters * rows[..., code.FIELD_BRANCH]
-        told.thruster[which] = np.where(rows[..., code.FIELD_KIND] != code.EMPTY, number, 0.0)
-        told.kind[which] = rows[..., code.FIELD_KIND]
-        told.severity[which] = rows[..., code.FIELD_SEVERITY]
-        told.onset[which] = rows[..., code.FIELD_ONSET]
-        told.sensor[which] = rows[..., code.FIELD_SENSOR]
-        told.axis[which] = rows[..., code.FIELD_AXIS]
+        self.fleet.describe_faults(which, self.task.first_commanded, tuple(self._told))
 
 
 class _Told(NamedTuple):
