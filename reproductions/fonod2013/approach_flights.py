@@ -27,8 +27,6 @@ from thruster_envs import rollout
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["HEALTHY_DURATION", "NO_ERRORS", "ONSET", "STRUCK_DURATION", "Pilot", "fly"]
-
 ONSET = (60.0, 60.09)
 """When faults begin, s: off the sample grid."""
 STRUCK_DURATION, HEALTHY_DURATION = 80.0, 160.0

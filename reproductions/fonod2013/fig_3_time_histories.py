@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, Figure
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.residuals import CorrelationDetector, NavigationFlights
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
@@ -27,23 +26,14 @@ BEFORE, AFTER = 2.0, 4.0
 
 @dataclass(frozen=True)
 class History:
-    """What the source's method says of a batch of flights, sample by sample.
+    """What the source's method says of a batch of flights, sample by sample."""
 
-    Attributes:
-        since: (flights, samples), s, since the onset.
-        norm: (flights, samples), m, length of the residual; 0 while it settles.
-        detected: (flights, samples).
-        index: (flights, samples), sigma, from 1; 0 before the alarm and after the name.
-        named: (flights, samples), from 1; 0 for none.
-        thruster: (flights,), the one that failed, from 1.
-    """
-
-    since: FloatArray
-    norm: FloatArray
-    detected: BoolArray
-    index: IntArray
-    named: IntArray
-    thruster: IntArray
+    since: FloatArray  # (flights, samples), s, since the onset
+    norm: FloatArray  # (flights, samples), m, length of the residual; 0 while it settles
+    detected: BoolArray  # (flights, samples)
+    index: IntArray  # (flights, samples), sigma, from 1; 0 before the alarm and after the name
+    named: IntArray  # (flights, samples), from 1; 0 for none
+    thruster: IntArray  # (flights,), the one that failed, from 1
 
     def window(self, flight: int, confirmations: int) -> slice:
         """The samples of the confirmation window of a flight; none without a name."""
@@ -52,8 +42,14 @@ class History:
         return slice(max(end - confirmations, 0), end)
 
 
+@reproduces(
+    "MSR-09",
+    lines="L319-324",
+    reported="curves, of which only the caption is known: the norm crosses J_T, the index settles",
+    criterion="the norm crosses J_T after the onset; sigma is right in the whole confirmation window",
+)
 def time_histories(effort: Effort) -> Finding:
-    """`MSR-09`."""
+    """Fig. 3: norm, decision, confirmation window and index for each thruster stuck open."""
     threshold = calibrated(effort)
     detector = CorrelationDetector(VEHICLE, threshold, vehicles=effort.flights)
     histories = [history(detector, flights) for flights in struck(effort)]
@@ -141,7 +137,7 @@ def _changes(one: History) -> IntArray:
     return np.asarray(wrong.sum(axis=1))
 
 
-def _draw(histories: list[History], threshold: float, confirmations: int, path: Path) -> None:
+def _draw(histories: list[History], threshold: float, confirmations: int) -> Figure:
     figure = Figure(figsize=(8.0, 12.0), layout="constrained")
     axes = figure.subplots(8, 3, sharex=True, sharey="col", width_ratios=(1.25, 0.8, 1.0))
     for row, one in zip(axes, histories, strict=True):
@@ -171,17 +167,4 @@ def _draw(histories: list[History], threshold: float, confirmations: int, path: 
     for panel in axes[-1]:
         panel.set_xlim(-BEFORE, AFTER)
         panel.set_xlabel("since the onset, s")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-09",
-        title="Fig. 3: norm, decision, confirmation window and index for each thruster stuck open",
-        source="Fonod 2013",
-        lines="L319-324",
-        reported="curves, of which only the caption is known: the norm crosses J_T, the index settles",
-        criterion="the norm crosses J_T after the onset; sigma is right in the whole confirmation window",
-        run=time_histories,
-    ),
-)
+    return figure

@@ -15,14 +15,14 @@ how near they come, as a cosine, which depends on the units of the delay's state
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.fonod2013 import reproduces
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.residuals import DelayModel, assigned_gain, decoupling, delay_model
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import load
@@ -39,8 +39,14 @@ ALIGNMENTS = (
 """Units of the command, eigenvalue in rad/s, cosine that our draft has computed."""
 
 
+@reproduces(
+    "MSR-3.4",
+    lines="L151-213",
+    reported="the residual is decoupled from the delay's variation by left eigenvectors",
+    criterion="the transfer from the delay is -4 s / (tau0 s + 2) that from a fault for any L and W",
+)
 def impossible(effort: Effort) -> Finding:
-    """`MSR-3.4`."""
+    """Exact decoupling from a varying delay is impossible."""
     chaser = load("msr_chaser")
     model = delay_model(chaser.mean_motion, DELAY)
     source = _gains(model, assigned_gain(model.dynamics, model.measurement, EIGENVALUES), np.eye(3))
@@ -156,7 +162,7 @@ def _gains(model: DelayModel, gain: FloatArray, weight: FloatArray) -> tuple[Flo
     return fault, delay
 
 
-def _draw(source: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], path: Path) -> None:
+def _draw(source: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> Figure:
     figure, axes = panels(2, height=3.8)
     for values, colour, name in zip(source, (BLUE, ORANGE), ("fault", "delay"), strict=True):
         axes[0].loglog(FREQUENCIES, values[:, 0], color=colour, label=name)
@@ -173,17 +179,4 @@ def _draw(source: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatA
     for panel in axes:
         panel.set_xlabel("frequency, rad/s")
         panel.legend(loc="best", fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-3.4",
-        title="Exact decoupling from a varying delay is impossible",
-        source="Fonod 2013",
-        lines="L151-213",
-        reported="the residual is decoupled from the delay's variation by left eigenvectors",
-        criterion="the transfer from the delay is -4 s / (tau0 s + 2) that from a fault for any L and W",
-        run=impossible,
-    ),
-)
+    return figure

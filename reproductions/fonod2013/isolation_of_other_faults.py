@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import (
     HEAD,
     OPEN,
@@ -26,15 +27,21 @@ from reproductions.fonod2013.isolation_study import (
     struck,
     watched,
 )
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.residuals import BaseNavigationDetector, FusionDetector, SignatureDetector
 
 FORCE = "likelihood ratio, force alone"
 FAULTS = {"open": OPEN, "closed": ("stuck_off", 1.0), "loss of 50 %": ("loss", 0.5)}
 
 
+@reproduces(
+    "MSR-4.5",
+    lines="beyond the source; L30, L317",
+    reported="nothing",
+    criterion="the source's test names all open valves right and no other fault",
+)
 def other_faults(effort: Effort) -> Finding:
-    """`MSR-4.5`."""
+    """The test on faults that it was not made for."""
     makers: dict[str, tuple[Make, Make, float]] = {
         "eq. 33, the source's": (correlation(), norm, 1.3),
         "its opposite": (correlation(pick="greatest"), norm, 1.3),
@@ -91,16 +98,3 @@ def _force_ratio(limit: float, count: int) -> BaseNavigationDetector:
 
 def _fusion(limit: float, count: int) -> BaseNavigationDetector:
     return FusionDetector(VEHICLE, limit, vehicles=count)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-4.5",
-        title="The test on faults that it was not made for",
-        source="Fonod 2013",
-        lines="beyond the source; L30, L317",
-        reported="nothing",
-        criterion="the source's test names all open valves right and no other fault",
-        run=other_faults,
-    ),
-)

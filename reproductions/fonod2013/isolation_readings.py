@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.approach_flights import NO_ERRORS
 from reproductions.fonod2013.isolation_study import (
     HEAD,
@@ -23,7 +24,7 @@ from reproductions.fonod2013.isolation_study import (
     watched,
 )
 from reproductions.fonod2013.other_pilots import fixed_bias, minimum_fuel
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.control import ApproachSettings
 
 LABELS: dict[str, dict[str, Any]] = {
@@ -57,8 +58,17 @@ DRAFT = {
 """Shares named right in our draft simulation, 5 flights for each thruster."""
 
 
+@reproduces(
+    "MSR-4.4",
+    lines="beyond the source; L292-311",
+    reported="nothing",
+    criterion=(
+        "as meant and as printed all open faults are named right, with the idle guard none, with "
+        "minimum fuel half"
+    ),
+)
 def readings(effort: Effort) -> Finding:
-    """`MSR-4.4`."""
+    """Readings of the cross-correlation test, its guard, and other allocations."""
     cases = {
         f"{label}, N = {window}": {**settings, "window": window}
         for label, settings in LABELS.items()
@@ -101,11 +111,10 @@ def readings(effort: Effort) -> Finding:
             "turn the same way. Minimum fuel leaves a thruster of either half (1, 4, 6, 7 and 2, 3, 5, 8) "
             "shut; where one is stuck open, that is the stuck one in its half and the opposite one in the "
             "other. Both are told nothing, their correlations of zero tie, and the lower number is named. A "
-            "clipped bias pushes less than the position loop asks for, and both commands "
-            "fall to zero alike; the earlier the alarm, the more of the window is from before that, and the "
-            "higher the share (rows without errors, whose threshold is half as high). A fast loop pushes "
-            "enough. In our draft simulation, in which there are no such errors, "
-            "right were: "
+            "clipped bias pushes less than the position loop asks for, and both commands fall to zero alike; "
+            "the earlier the alarm, the more of the window is from before that, and the higher the share "
+            "(rows without errors, whose threshold is half as high). A fast loop pushes enough. In our draft "
+            "simulation, in which there are no such errors, right were: "
             + "; ".join(f"{name} {percentages([one])}" for name, one in DRAFT.items())
             + ", of 40 flights each."
         ),
@@ -134,19 +143,3 @@ def readings(effort: Effort) -> Finding:
 
 def _by_thruster(one: Isolation) -> list[float]:
     return [float(share) for share in one.right.reshape(8, -1).mean(axis=1)]
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-4.4",
-        title="Readings of the cross-correlation test, its guard, and other allocations",
-        source="Fonod 2013",
-        lines="beyond the source; L292-311",
-        reported="nothing",
-        criterion=(
-            "as meant and as printed all open faults are named right, with the idle guard none, with "
-            "minimum fuel half"
-        ),
-        run=readings,
-    ),
-)

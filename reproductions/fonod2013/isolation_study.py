@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
 from reproductions.fonod2013.approach_flights import fly
 from reproductions.record import Effort
 from thruster_baselines.detection.residuals import (
@@ -25,11 +24,6 @@ from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
 
-__all__ = [
-    "HEAD", "OPEN", "VEHICLE", "Isolation", "Make", "calibrated", "correlation", "draw_isolations", "norm",
-    "percentages", "struck", "watched",
-]  # fmt: skip
-
 VEHICLE = "msr_chaser"
 OPEN = ("stuck_on", 1.0)
 Make = Callable[[float, int], BaseNavigationDetector]
@@ -40,19 +34,12 @@ HEAD = ("flights", "false alarms", "detection, s: median, most", "isolation, s: 
 
 @dataclass(frozen=True)
 class Isolation:
-    """What a detector said of faulty flights.
+    """What a detector said of faulty flights."""
 
-    Attributes:
-        detection: (flights,), s from the onset; negative for an alarm before it, infinite without.
-        isolation: (flights,), s from the onset to a name; infinite without.
-        named: (flights,), from 1; 0 for none.
-        thruster: (flights,), the one that failed, from 1.
-    """
-
-    detection: FloatArray
-    isolation: FloatArray
-    named: IntArray
-    thruster: IntArray
+    detection: FloatArray  # (flights,), s from the onset; negative for an alarm before it, infinite without
+    isolation: FloatArray  # (flights,), s from the onset to a name; infinite without
+    named: IntArray  # (flights,), from 1; 0 for none
+    thruster: IntArray  # (flights,), the one that failed, from 1
 
     @property
     def right(self) -> BoolArray:
@@ -123,7 +110,7 @@ def percentages(values: Sequence[float]) -> str:
     return ", ".join(f"{100.0 * one:.1f} %" for one in values)
 
 
-def draw_isolations(cases: Mapping[str, Isolation], path: Path) -> None:
+def draw_isolations(cases: Mapping[str, Isolation]) -> Figure:
     """Times from least to most with their median, and shares with their intervals; a line for each case."""
     figure, (times, shares) = panels(2, height=1.5 + 0.28 * len(cases))
     places = np.arange(len(cases))[::-1]
@@ -155,7 +142,7 @@ def draw_isolations(cases: Mapping[str, Isolation], path: Path) -> None:
     shares.set_xlabel("named right, %, with 95 % interval")
     handles, labels = times.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8.5)
-    save(figure, path)
+    return figure
 
 
 def _times(values: FloatArray) -> str:

@@ -16,6 +16,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import (
     HEAD,
     VEHICLE,
@@ -27,7 +28,7 @@ from reproductions.fonod2013.isolation_study import (
     watched,
 )
 from reproductions.fonod2013.other_pilots import law
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.control import ApproachSettings
 from thruster_envs.spacecraft import load
 
@@ -44,8 +45,14 @@ DRAFT = {
 """Threshold and detection of our draft simulation."""
 
 
+@reproduces(
+    "MSR-4.3",
+    lines="beyond the source; L270, L317",
+    reported="nothing",
+    criterion="all named right in every row",
+)
 def noise(effort: Effort) -> Finding:
-    """`MSR-4.3`."""
+    """Open faults under more noise, other delays and other idle rates."""
     seen, limits = {}, {}
     for name, settings in _cases().items():
         limits[name] = calibrated(effort, **settings)
@@ -103,16 +110,3 @@ def _cases() -> dict[str, dict[str, Any]]:
     for idle in (0.1, 0.3, 0.02):
         cases[f"from observations, idle rate {idle}"] = {"pilot": law(ApproachSettings(idle=idle))}
     return cases
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-4.3",
-        title="Open faults under more noise, other delays and other idle rates",
-        source="Fonod 2013",
-        lines="beyond the source; L270, L317",
-        reported="nothing",
-        criterion="all named right in every row",
-        run=noise,
-    ),
-)

@@ -21,8 +21,6 @@ from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["fixed_bias", "law", "minimum_fuel", "stopping"]
-
 
 def law(settings: ApproachSettings | None = None) -> Pilot:
     """Who lifts all open rates together until none is negative, and by the idle rate at least."""

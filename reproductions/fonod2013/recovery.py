@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, panels, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, Figure, panels
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.recovery_flights import (
     AT_ONCE,
     ENDS,
@@ -31,7 +31,7 @@ from reproductions.fonod2013.recovery_flights import (
     of_kind,
     share,
 )
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_envs.seeds import TEST, VALIDATION
 from thruster_envs.spacecraft import load
 
@@ -43,8 +43,18 @@ PERIOD = load("msr_chaser").control_period
 COLOURS = dict(zip(PILOTS, (GREEN, BLUE, ORANGE, RED), strict=True))
 
 
+@reproduces(
+    "mars-recovery",
+    lines="beyond the source; L317-332, L334 for its method",
+    reported="nothing: open faults only, and no flight goes on after the diagnosis",
+    criterion=(
+        "on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s "
+        "(open) and 2.5 s (others), no false alarm in ten healthy hours, it captures or retreats in "
+        "95 % of the flights that the oracle saves, and says the right kind of 95 % of those it names"
+    ),
+)
 def study(effort: Effort) -> Finding:
-    """`mars-recovery`."""
+    """The Mars chaser's approach with any fault: diagnosed, recovered, captured or retreated."""
     thresholds = calibrate(VALIDATION[: CALIBRATION_PER_EFFORT * effort.flights])
     count = FLIGHTS_PER_EFFORT * effort.flights
     flights = {pilot: fly(pilot, TEST[:count], thresholds) for pilot in PILOTS}
@@ -296,7 +306,7 @@ def _without_knowing(first: dict[str, list[Flight]], either: dict[str, list[Flig
     )
 
 
-def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
+def _draw(struck: dict[str, list[Flight]]) -> Figure:
     figure, (left, right) = panels(2, height=4.6)
     kinds = [kind for kind in KINDS_OF_FAULT if of_kind(struck["oracle"], kind)]
     places = np.arange(len(kinds), dtype=np.float64)
@@ -335,7 +345,7 @@ def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
     right.set_title("Detection, and the share that is detected")
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(PILOTS))
-    save(figure, path)
+    return figure
 
 
 def _detected(flight: Flight) -> bool:
@@ -373,20 +383,3 @@ def _seconds(value: float) -> str:
 
 def _percent(part: int, whole: int) -> str:
     return f"{100.0 * part / whole:.1f} %" if whole else "none"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="mars-recovery",
-        title="The Mars chaser's approach with any fault: diagnosed, recovered, captured or retreated",
-        source="Fonod 2013",
-        lines="beyond the source; L317-332, L334 for its method",
-        reported="nothing: open faults only, and no flight goes on after the diagnosis",
-        criterion=(
-            "on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s "
-            "(open) and 2.5 s (others), no false alarm in ten healthy hours, it captures or retreats in "
-            "95 % of the flights that the oracle saves, and says the right kind of 95 % of those it names"
-        ),
-        run=study,
-    ),
-)

@@ -37,11 +37,6 @@ from thruster_envs import rollout
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
-__all__ = [
-    "AT_ONCE", "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "UNPROBED", "Flight", "calibrate",
-    "fly", "fly_healthy", "is_saved", "is_struck", "of_kind", "share",
-]  # fmt: skip
-
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
 ONSET = (0.0, 190.0)
 SETTLE = 2.0
@@ -71,41 +66,23 @@ ENDS = ("captured", "retreated", "out of time", "missed or lost")
 
 @dataclass(frozen=True)
 class Flight:
-    """How a flight went.
+    """How a flight went."""
 
-    Attributes:
-        pilot: Who flew.
-        seed: Of the episode.
-        kind: Of the fault, one of `KINDS_OF_FAULT`; `healthy` for none.
-        thruster: That failed, from 1; 0 for none.
-        severity: Of the fault.
-        onset: First decision at which it was active, s; infinite if it never was.
-        end: One of `ENDS`.
-        duration: s.
-        alarm: When the first alarm came, s; infinite without.
-        name: When a thruster was first named, s; infinite without.
-        named: That thruster, from 1; 0 for none.
-        said: What was said to be wrong with it.
-        said_at: When, s; infinite if it was not.
-        statistic: The detector's largest, up to the first alarm.
-        fuel: Thruster-seconds of open valve.
-    """
-
-    pilot: str
-    seed: int
-    kind: str
-    thruster: int
-    severity: float
-    onset: float
-    end: str
-    duration: float
-    alarm: float
-    name: float
-    named: int
-    said: str
-    said_at: float
-    statistic: float
-    fuel: float
+    pilot: str  # who flew
+    seed: int  # of the episode
+    kind: str  # of the fault, one of `KINDS_OF_FAULT`; `healthy` for none
+    thruster: int  # that failed, from 1; 0 for none
+    severity: float  # of the fault
+    onset: float  # first decision at which it was active, s; infinite if it never was
+    end: str  # one of `ENDS`
+    duration: float  # s
+    alarm: float  # when the first alarm came, s; infinite without
+    name: float  # when a thruster was first named, s; infinite without
+    named: int  # that thruster, from 1; 0 for none
+    said: str  # what was said to be wrong with it
+    said_at: float  # when, s; infinite if it was not
+    statistic: float  # the detector's largest, up to the first alarm
+    fuel: float  # thruster-seconds of open valve
 
     @property
     def detection(self) -> float:

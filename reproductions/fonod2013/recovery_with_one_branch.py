@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, PURPLE, panels, save
+from reproductions.figures import BLUE, INK, PURPLE, Figure, panels
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.recovery import (
     CALIBRATION_PER_EFFORT,
     COLOURS,
@@ -34,14 +34,24 @@ from reproductions.fonod2013.recovery_flights import (
     of_kind,
     share,
 )
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.control import RecoverySettings, ValveBelief, authority_left
 from thruster_envs.seeds import TEST, VALIDATION
 from thruster_envs.spacecraft import load
 
 
+@reproduces(
+    "mars-recovery-one-branch",
+    lines="beyond the source; L317-332, L334 for its method",
+    reported="nothing: no flight goes on after the diagnosis",
+    criterion=(
+        "on 500 test seeds the oracle saves 99 %, the best stack 95 % of those, and captures in 80 % of "
+        "the flights in which the oracle does; where the source's method names a wrong thruster it saves "
+        "fewer flights than where it names the right one, and fewer than the best stack does of the same"
+    ),
+)
 def study(effort: Effort) -> Finding:
-    """`mars-recovery-one-branch`."""
+    """The Mars chaser's approach with any fault and no spare branch: captured, or retreated."""
     thresholds = calibrate(VALIDATION[: CALIBRATION_PER_EFFORT * effort.flights])
     seeds = TEST[: FLIGHTS_PER_EFFORT * effort.flights]
     flown = {pilot: fly(pilot, seeds, thresholds, spare_branch=False) for pilot in PILOTS}
@@ -55,20 +65,19 @@ def study(effort: Effort) -> Finding:
     right = {one.seed for one in source if _name(one) == "right"}
     theirs, ours = _among(source, wrong, is_saved), _among(best, wrong, is_saved)
     note = (
-        f"{len(struck['oracle'])} flights of test seeds with one fault each, as many of each kind, by "
-        "any thruster, at any time of the first 190 s of some 206 s, on a chaser without a spare "
-        "branch. A thruster that is stuck, leaks, is weak or late by less than a pulse leaves some "
-        "authority in every direction (figure, right), and with it the chaser captures. One that is "
-        "closed, later than a pulse, or fully open with its valve closed leaves none: seven thrusters "
-        "hold the attitude and push into a cone of three directions. The chaser then retreats, "
-        "diagonally if the thruster pushed back; closer to the target than that allows it goes on. "
-        "The oracle does so from the moment of the fault. The best stack has to alarm, to name, and "
-        "to say what is wrong, which it asks again after the name. The source's method looks for "
-        "valves that are too far open: it closes the valve of whichever thruster it names and "
-        f"retreats, also from faults with which one captures. Its name is wrong in {len(wrong)} "
-        f"flights, and two thrusters are lost then: it saves {share(*theirs)} of these, and the best "
-        f"stack {share(*ours)} of the same flights. No pilot makes pulses with an isolation valve. "
-        "Numbers are of MSR-A, ours."
+        f"{len(struck['oracle'])} flights of test seeds with one fault each, as many of each kind, by any "
+        "thruster, at any time of the first 190 s of some 206 s, on a chaser without a spare branch. A "
+        "thruster that is stuck, leaks, is weak or late by less than a pulse leaves some authority in every "
+        "direction (figure, right), and with it the chaser captures. One that is closed, later than a pulse, "
+        "or fully open with its valve closed leaves none: seven thrusters hold the attitude and push into a "
+        "cone of three directions. The chaser then retreats, diagonally if the thruster pushed back; closer "
+        "to the target than that allows it goes on. The oracle does so from the moment of the fault. The "
+        "best stack has to alarm, to name, and to say what is wrong, which it asks again after the name. The "
+        "source's method looks for valves that are too far open: it closes the valve of whichever thruster "
+        f"it names and retreats, also from faults with which one captures. Its name is wrong in {len(wrong)} "
+        f"flights, and two thrusters are lost then: it saves {share(*theirs)} of these, and the best stack "
+        f"{share(*ours)} of the same flights. No pilot makes pulses with an isolation valve. Numbers are of "
+        "MSR-A, ours."
     )
     return Finding(
         ours=(
@@ -168,7 +177,7 @@ def _by_name(struck: dict[str, list[Flight]]) -> Table:
     )
 
 
-def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
+def _draw(struck: dict[str, list[Flight]]) -> Figure:
     figure, (left, right) = panels(2, height=5.0)
     places = np.arange(len(KINDS_OF_FAULT), dtype=np.float64)
     for number, pilot in enumerate(PILOTS):
@@ -199,7 +208,7 @@ def _draw(struck: dict[str, list[Flight]], path: Path) -> None:
     right.set_ylabel("wrench in every direction, % of the axis alone")
     right.set_title("What one faulty thruster leaves")
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14))
-    save(figure, path)
+    return figure
 
 
 def _left(kind: str, size: float) -> float:
@@ -243,20 +252,3 @@ def _part(flights: Sequence[Flight], end: str) -> float:
 def _ends(flights: Sequence[Flight]) -> str:
     captured, saved = sum(map(_is_captured, flights)), sum(map(is_saved, flights))
     return f"{captured}, {saved - captured}, {len(flights) - saved}"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="mars-recovery-one-branch",
-        title="The Mars chaser's approach with any fault and no spare branch: captured, or retreated",
-        source="Fonod 2013",
-        lines="beyond the source; L317-332, L334 for its method",
-        reported="nothing: no flight goes on after the diagnosis",
-        criterion=(
-            "on 500 test seeds the oracle saves 99 %, the best stack 95 % of those, and captures in 80 % of "
-            "the flights in which the oracle does; where the source's method names a wrong thruster it saves "
-            "fewer flights than where it names the right one, and fewer than the best stack does of the same"
-        ),
-        run=study,
-    ),
-)

@@ -13,16 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, fly
 from reproductions.fonod2013.isolation_study import OPEN, VEHICLE, Isolation, Make, correlation, watched
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.flights import joined
 from thruster_baselines.detection.residuals import FusionDetector, SignatureDetector, margin_threshold, watch
 from thruster_baselines.statistics import clopper_pearson
@@ -86,8 +85,17 @@ class Point:
     isolation: float
 
 
+@reproduces(
+    "MSR-10",
+    lines="L321, L334",
+    reported="faults are found and isolated despite delays, noise and disturbances; no rate",
+    criterion=(
+        "no false alarm of the source's method in ten healthy hours with all effects on, and every open "
+        "valve named right"
+    ),
+)
 def robustness(effort: Effort) -> Finding:
-    """`MSR-10`."""
+    """Robustness to delays, noise and disturbances; delay against false alarms."""
     count, each = effort.flights, max(effort.flights // 2, 1)
     quiet, healthy = fly(VALIDATION[:count]), fly(TEST[: HEALTHY_PER_EFFORT * count])
     flights = healthy.onset.size
@@ -207,7 +215,7 @@ def _said(time: float) -> str:
     return f"{time:.2f}" if np.isfinite(time) else "never"
 
 
-def _draw(curves: dict[tuple[str, str], list[Point]], path: Path) -> None:
+def _draw(curves: dict[tuple[str, str], list[Point]]) -> Figure:
     figure = Figure(figsize=(8.0, 10.0), layout="constrained")
     axes = figure.subplots(4, 4, sharex=True, sharey=True)
     for number, kind in enumerate(KINDS):
@@ -240,7 +248,7 @@ def _draw(curves: dict[tuple[str, str], list[Point]], path: Path) -> None:
     axes[0, 0].set_ylim(0.05, 30.0)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     axes[2, 3].legend(handles, labels, loc="upper left", fontsize=9.0)
-    save(figure, path)
+    return figure
 
 
 def _line(panel: Axes, points: list[Point], name: str, what: str) -> bool:
@@ -255,19 +263,3 @@ def _line(panel: Axes, points: list[Point], name: str, what: str) -> bool:
         markersize=7.0 if wide else 4.5, alpha=0.45 if wide else 1.0, label=name,
     )  # fmt: skip
     return bool(known.any())
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-10",
-        title="Robustness to delays, noise and disturbances; delay against false alarms",
-        source="Fonod 2013",
-        lines="L321, L334",
-        reported="faults are found and isolated despite delays, noise and disturbances; no rate",
-        criterion=(
-            "no false alarm of the source's method in ten healthy hours with all effects on, and every open "
-            "valve named right"
-        ),
-        run=robustness,
-    ),
-)

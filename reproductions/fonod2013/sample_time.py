@@ -11,14 +11,14 @@ from __future__ import annotations
 import os
 import time
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.approach_flights import fly
 from reproductions.fonod2013.isolation_study import OPEN, VEHICLE, calibrated
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import processor
 from thruster_baselines.detection.residuals import CorrelationDetector
 from thruster_envs.protocols import FloatArray
@@ -28,8 +28,15 @@ BUDGET = 20e-6  # s a sample
 PARTS = ("before the alarm", "from the alarm to the name", "after the name")
 
 
+@reproduces(
+    "MSR-11",
+    lines="L303, L334",
+    reported="low",
+    criterion="99 % of samples take less than 1 ms, the median at most 20 µs",
+    alone=True,
+)
 def sample_time(effort: Effort) -> Finding:
-    """`MSR-11`."""
+    """Time of one sample of detection and isolation."""
     threshold = calibrated(effort)
     flight = fly(VALIDATION[:1], 1, *OPEN)
     samples = [flight.step(slice(0, 1), k) for k in range(flight.open_rates.shape[1])]
@@ -85,7 +92,7 @@ def sample_time(effort: Effort) -> Finding:
     )
 
 
-def _draw(by_part: dict[str, FloatArray], path: Path) -> None:
+def _draw(by_part: dict[str, FloatArray]) -> Figure:
     figure, (panel,) = panels(height=3.4)
     for (name, times), colour in zip(by_part.items(), (BLUE, ORANGE, INK), strict=False):
         rising = np.sort(1e6 * times)
@@ -95,18 +102,4 @@ def _draw(by_part: dict[str, FloatArray], path: Path) -> None:
     panel.set_xlabel("time of a sample, µs (longer ones in the table)")
     panel.set_ylabel("share of samples within it")
     panel.legend(loc="lower right", fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-11",
-        title="Time of one sample of detection and isolation",
-        source="Fonod 2013",
-        lines="L303, L334",
-        reported="low",
-        criterion="99 % of samples take less than 1 ms, the median at most 20 µs",
-        run=sample_time,
-        alone=True,
-    ),
-)
+    return figure

@@ -10,14 +10,14 @@ has to hold is a band about all of them.
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, NO_ERRORS, fly
 from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.residuals import CorrelationDetector, Watched, watch
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.seeds import TEST
@@ -27,8 +27,17 @@ REPORTED_ISOLATION = (2.8, 1.8, 2.1, 2.1, 1.3, 4.0, 2.1, 2.1)
 LATEST_DETECTION, LATEST_ISOLATION, CONFIRMED = 1.2, 4.0, 0.9  # s
 
 
+@reproduces(
+    "MSR-01-08",
+    lines="L317-332",
+    reported="all eight named; detection 0.4 to 1.1 s, isolation 1.3 to 4.0 s",
+    criterion=(
+        "all named right, each detection within 1.2 s, each isolation within 4.0 s and at least 0.9 s "
+        "after it, no false alarm in healthy flights"
+    ),
+)
 def open_faults(effort: Effort) -> Finding:
-    """`MSR-01-08`."""
+    """Table 1: detection and isolation of each thruster stuck open."""
     count = effort.flights
     threshold, exact = calibrated(effort), calibrated(effort, **NO_ERRORS)
     detector = CorrelationDetector(VEHICLE, threshold, vehicles=count)
@@ -107,7 +116,7 @@ def _table(seen: list[Watched], right: list[int]) -> Table:
     return Table("Thrusters stuck fully open", head, tuple(rows))
 
 
-def _draw(detection: np.ndarray, isolation: np.ndarray, path: Path) -> None:
+def _draw(detection: np.ndarray, isolation: np.ndarray) -> Figure:
     figure, axes = panels(2, height=3.6)
     places = np.arange(1, 9)
     for panel, times, reported, colour, title in (
@@ -123,20 +132,4 @@ def _draw(detection: np.ndarray, isolation: np.ndarray, path: Path) -> None:
         panel.set_ylabel("from onset, s")
         panel.set_title(title)
         panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-01-08",
-        title="Table 1: detection and isolation of each thruster stuck open",
-        source="Fonod 2013",
-        lines="L317-332",
-        reported="all eight named; detection 0.4 to 1.1 s, isolation 1.3 to 4.0 s",
-        criterion=(
-            "all named right, each detection within 1.2 s, each isolation within 4.0 s and at least 0.9 s "
-            "after it, no false alarm in healthy flights"
-        ),
-        run=open_faults,
-    ),
-)
+    return figure

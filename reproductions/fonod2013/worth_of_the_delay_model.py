@@ -14,16 +14,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.approach_flights import NO_ERRORS, Pilot, fly
 from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
 from reproductions.fonod2013.other_pilots import law, stopping
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from thruster_baselines.detection.residuals import (
     NavigationFlights,
     NormThreshold,
@@ -66,8 +66,17 @@ DRAFT_FAULT = {"pade": (5.5, 34.7), "undelayed": (1.34, 4.94), "observer": (1.34
 DRAFT_NOISE = {"pade": 2.2, "undelayed": 0.57, "observer": 0.57}
 
 
+@reproduces(
+    "MSR-4.6",
+    lines="beyond the source; L81-149, L225",
+    reported="nothing: the design is compared with none",
+    criterion=(
+        "by the response to a fault, Padé's states are better against noise and worse against a varying "
+        "delay, and an abrupt stop alarms"
+    ),
+)
 def worth(effort: Effort) -> Finding:
-    """`MSR-4.6`."""
+    """Whether the model of the delay is worth its states."""
     peaks = {
         (manoeuvre, name, bound): found
         for manoeuvre, pilot in (*MANOEUVRES.items(), (OWN_FILTER, FILTERING))
@@ -128,19 +137,18 @@ def worth(effort: Effort) -> Finding:
             "does a delay that is not the nominal one, so that a manoeuvre which the threshold has not seen "
             "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
             "here. It is no cure for the abrupt stop: by whichever design, "
-            f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). "
-            "Numbers of our draft under varying delays are one draw each; ours differ from flight "
-            "to flight by phases and single errors, and theirs lie among them. Without variation nothing is "
-            "random: there the abrupt stop is "
-            f"{100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by Padé's states "
-            "than in the draft, and not for the step of the integration. Two things of the set-up explain it "
-            "(second table). The filter of the draft's pilot takes thrust to come as soon as it is "
-            "asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
+            f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). Numbers of "
+            "our draft under varying delays are one draw each; ours differ from flight to flight by phases "
+            "and single errors, and theirs lie among them. Without variation nothing is random: there the "
+            f"abrupt stop is {100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by "
+            "Padé's states than in the draft, and not for the step of the integration. Two things of the "
+            "set-up explain it (second table). The filter of the draft's pilot takes thrust to come as soon "
+            "as it is asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
             f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
             f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
-            f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. "
-            "A bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses "
-            "keep their order; smaller ones by halves. Responses between two samples are interpolated."
+            f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. A "
+            "bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses keep "
+            "their order; smaller ones by halves. Responses between two samples are interpolated."
         ),
         data={
             "peaks_median": {
@@ -307,8 +315,7 @@ def _draw(
     peaks: dict[tuple[str, str, float], FloatArray],
     responses: dict[str, FloatArray],
     sigma: dict[str, float],
-    path: Path,
-) -> None:
+) -> Figure:
     figure, axes = panels(3, height=4.2)
     for panel, manoeuvre in zip(axes, MANOEUVRES, strict=False):
         for shift, name in zip((-0.0012, 0.0, 0.0012), DESIGNS, strict=True):
@@ -343,20 +350,4 @@ def _draw(
         [*handles[::3], cross], [*labels[::3], "our draft"], loc="outside lower center", ncols=4,
         fontsize=8.5,
     )  # fmt: skip
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-4.6",
-        title="Whether the model of the delay is worth its states",
-        source="Fonod 2013",
-        lines="beyond the source; L81-149, L225",
-        reported="nothing: the design is compared with none",
-        criterion=(
-            "by the response to a fault, Padé's states are better against noise and worse against a varying "
-            "delay, and an abrupt stop alarms"
-        ),
-        run=worth,
-    ),
-)
+    return figure

@@ -61,23 +61,6 @@ from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
 
-__all__ = [
-    "FORMS",
-    "LEARNED",
-    "Mission",
-    "Plan",
-    "Said",
-    "drawn_pulses",
-    "fit",
-    "further_false_alarms",
-    "healthy_missions",
-    "judge",
-    "plan_of",
-    "pulse_networks",
-    "scores",
-    "test_missions",
-]
-
 _LOW, _HIGH = (20.0, 30.0, 40.0), (35.0, 50.0, 60.0)  # roll, pitch and yaw, degrees
 _STEP, _RAMP = (0.17, 0.30), (0.20, 0.40)  # change of thrust
 _ONSET, _GROWTH = (0.0, 100.0), (100.0, 1000.0)  # s
@@ -97,46 +80,27 @@ Said: TypeAlias = dict[str, list[list[BoolArray]]]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is flown.
+    """How much is flown."""
 
-    Attributes:
-        forms: So many of the 36 pairs of thruster and form of fault; each with a healthy twin.
-        healthy: Healthy missions for thresholds, and as many for rates of false alarms.
-        seeds: Training runs of each network.
-        rate: Of false alarms that thresholds of whole missions are set to.
-    """
-
-    forms: int
-    healthy: int
-    seeds: int
-    rate: float
+    forms: int  # so many of the 36 pairs of thruster and form of fault; each with a healthy twin
+    healthy: int  # healthy missions for thresholds, and as many for rates of false alarms
+    seeds: int  # training runs of each network
+    rate: float  # of false alarms that thresholds of whole missions are set to
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What is known of one mission of follower 1.
+    """What is known of one mission of follower 1."""
 
-    Attributes:
-        signals: As the networks take them.
-        attitude: (periods + 1, 4), inertial, as measured.
-        rate: (periods + 1, 3), rad/s, likewise.
-        step: (firings,), period from 0.
-        thruster: (firings,), from 0.
-        parameters: Of the pulses, as `pulse_waveforms` takes them.
-        faulty: (firings,), whether the thrust is out of the band.
-        failing: Thruster that fails, from 0; -1 in a healthy one.
-        form: Fault case and whether it grows; None in a healthy one.
-    """
-
-    signals: MissionSignals
-    attitude: FloatArray
-    rate: FloatArray
-    step: IntArray
-    thruster: IntArray
-    parameters: dict[str, FloatArray]
-    faulty: BoolArray
-    failing: int
-    form: tuple[int, bool] | None
+    signals: MissionSignals  # as the networks take them
+    attitude: FloatArray  # (periods + 1, 4), inertial, as measured
+    rate: FloatArray  # (periods + 1, 3), rad/s, likewise
+    step: IntArray  # (firings,), period from 0
+    thruster: IntArray  # (firings,), from 0
+    parameters: dict[str, FloatArray]  # of the pulses, as `pulse_waveforms` takes them
+    faulty: BoolArray  # (firings,), whether the thrust is out of the band
+    failing: int  # thruster that fails, from 0; -1 in a healthy one
+    form: tuple[int, bool] | None  # fault case and whether it grows; None in a healthy one
 
 
 def plan_of(effort: Effort) -> Plan:
@@ -345,17 +309,11 @@ def _residual(rate: float) -> PulseResidual:
 
 @dataclass(frozen=True)
 class MissionThresholds:
-    """What whole missions are judged with, from healthy ones of the validation seeds.
+    """What whole missions are judged with, from healthy ones of the validation seeds."""
 
-    Attributes:
-        counts: Cumulative sums of pulse counts.
-        share: Of the largest deviation of a thruster's share from one, in its standard deviations.
-        networks: For each seed, of the residuals of roll, pitch and yaw.
-    """
-
-    counts: PulseCountCUSUM
-    share: float
-    networks: tuple[FloatArray, ...]
+    counts: PulseCountCUSUM  # cumulative sums of pulse counts
+    share: float  # of the largest deviation of a thruster's share from one, in its standard deviations
+    networks: tuple[FloatArray, ...]  # for each seed, of the residuals of roll, pitch and yaw
 
 
 @cache

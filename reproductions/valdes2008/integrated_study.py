@@ -31,35 +31,23 @@ from thruster_baselines.detection import Confusion
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
 
-__all__ = ["SCENARIOS", "Firings", "Judged", "firings", "integrated", "judged"]
-
 SCENARIOS = tuple(name for name in EXPERIMENTS if name.startswith("I-"))
 
 
 @dataclass(frozen=True)
 class Firings:
-    """Those of follower 1 in a mission.
+    """Those of follower 1 in a mission."""
 
-    Attributes:
-        thruster: (firings,), from 0.
-        faulty: (firings,), whether each is.
-    """
-
-    thruster: IntArray
-    faulty: BoolArray
+    thruster: IntArray  # (firings,), from 0
+    faulty: BoolArray  # (firings,), whether each is
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What the scheme of one seed says of a mission.
+    """What the scheme of one seed says of a mission."""
 
-    Attributes:
-        report: Of the integrated scheme.
-        low: (firings,), what the low level alone says of each, with its one threshold.
-    """
-
-    report: MissionReport
-    low: BoolArray
+    report: MissionReport  # of the integrated scheme
+    low: BoolArray  # (firings,), what the low level alone says of each, with its one threshold
 
 
 @cache

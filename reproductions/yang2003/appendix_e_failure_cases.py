@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failure, Flight, fly
 from reproductions.yang2003.fault_mission_figure import draw_flights
@@ -25,8 +26,14 @@ NOT_NOTICED, ANEW, DIAGNOSED, TOLD = "not noticed", "planned anew at 25 m", "dia
 STEADIED = "diagnosed, rotation taken back"
 
 
+@reproduces(
+    "E47",
+    lines="L2052-2078",
+    reported="drawn, without figures: not noticed, with feedback, with diagnosis, and the fuel of each",
+    criterion="diagnosed it arrives with less commanded delta-v than with feedback, which comes close",
+)
 def degraded(effort: Effort) -> Finding:
-    """E47."""
+    """A thruster at half of its thrust (appendix E, case one)."""
     flights = _fly(DEGRADED)
     found = [(one.thruster, one.kind, one.share) for one in flights[DIAGNOSED].found]
     return Finding(
@@ -58,8 +65,14 @@ def degraded(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E48",
+    lines="L2080-2106",
+    reported="the first failure found and corrected after the first step, the second after the second",
+    criterion="one found per period, each as soon as it should have fired; arrives, with less delta-v",
+)
 def two_dead(effort: Effort) -> Finding:
-    """E48."""
+    """Two thrusters dead at once (appendix E, case two)."""
     flights = _fly(TWO_LOST)
     steadied = flights[STEADIED] = fly(TWO_LOST, diagnosis=True, taken_back=1.0)
     first, second = steadied.found[0], steadied.found[-1]
@@ -178,25 +191,3 @@ def _table(flights: Mapping[str, Flight]) -> Table:
             for name, one in flights.items()
         ),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E47",
-        title="A thruster at half of its thrust (appendix E, case one)",
-        source="Yang 2003",
-        lines="L2052-2078",
-        reported="drawn, without figures: not noticed, with feedback, with diagnosis, and the fuel of each",
-        criterion="diagnosed it arrives with less commanded delta-v than with feedback, which comes close",
-        run=degraded,
-    ),
-    Reproduction(
-        id="E48",
-        title="Two thrusters dead at once (appendix E, case two)",
-        source="Yang 2003",
-        lines="L2080-2106",
-        reported="the first failure found and corrected after the first step, the second after the second",
-        criterion="one found per period, each as soon as it should have fired; arrives, with less delta-v",
-        run=two_dead,
-    ),
-)

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.closed_loop_faults_figure import draw
 from reproductions.yang2003.fault_flights import (
     FAULT_KINDS,
@@ -51,8 +52,17 @@ TOLD, DIAGNOSING, NOT_ASKING = "oracle", "classical", "blind"
 _NAMES = {"stuck_off": "dead", "loss": "half thrust", "stuck_on": "stuck on"}
 
 
+@reproduces(
+    "closed-loop-faults",
+    lines="section 6.4.3 and appendix E (E39 to E48), ours in six degrees of freedom",
+    reported="nothing of this kind: single scenarios, without attitude",
+    criterion=(
+        "the classical pilot flies 90 % of what the oracle can fly, within 10 % of its firing time at "
+        "the median, and more than the blind pilot, with alarms at the stated rate where nothing fails"
+    ),
+)
 def study(effort: Effort) -> Finding:
-    """`closed-loop-faults`."""
+    """Orion's rendezvous with a random fault, diagnosed in flight."""
     count = FLIGHTS_PER_EFFORT * effort.flights
     orbits = 0.5 if count >= FEW else 0.05
     by_pilot = _sorted(fly_all(TEST[:count], orbits))
@@ -433,19 +443,3 @@ def _data(flights: Sequence[Flight]) -> dict[str, object]:
             for name in ("miss", "speed", "angle", "rate", "firing_time")
         },
     }
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="closed-loop-faults",
-        title="Orion's rendezvous with a random fault, diagnosed in flight",
-        source="Yang 2003",
-        lines="section 6.4.3 and appendix E (E39 to E48), ours in six degrees of freedom",
-        reported="nothing of this kind: single scenarios, without attitude",
-        criterion=(
-            "the classical pilot flies 90 % of what the oracle can fly, within 10 % of its firing time at "
-            "the median, and more than the blind pilot, with alarms at the stated rate where nothing fails"
-        ),
-        run=study,
-    ),
-)

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure
 from reproductions.yang2003.fault_flights import FAULT_KINDS, Flight
 from reproductions.yang2003.rendezvous_flights import POSITION_TOLERANCE
 from thruster_baselines.statistics import clopper_pearson
-
-__all__ = ["draw"]
 
 _COLORS = (GREEN, BLUE, RED, ORANGE, PURPLE)
 _MARKERS = {"stuck_off": "o", "loss": "^", "stuck_on": "s"}
 _NEAR = 1e-2  # m: nearer than this is drawn at this
 
 
-def draw(path: Path, *, by_pilot: Mapping[str, Sequence[Flight]], names: Mapping[str, str]) -> None:
+def draw(*, by_pilot: Mapping[str, Sequence[Flight]], names: Mapping[str, str]) -> None:
     """Success by kind of fault, and final miss against firing time of every flight.
 
     Args:
-        path: Of the PNG.
         by_pilot: The flights of each pilot.
         names: What each kind of fault is called.
     """
@@ -33,7 +28,7 @@ def draw(path: Path, *, by_pilot: Mapping[str, Sequence[Flight]], names: Mapping
     upper, lower = figure.subplots(2, 1, height_ratios=(1.0, 1.5))
     _draw_success(upper, by_pilot, names)
     _draw_flights(lower, by_pilot, names)
-    save(figure, path)
+    return figure
 
 
 def _draw_success(panel: Axes, by_pilot: Mapping[str, Sequence[Flight]], names: Mapping[str, str]) -> None:

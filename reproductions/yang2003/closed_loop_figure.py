@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, RED, save
+from reproductions.figures import BLUE, GREEN, INK, RED, Figure
 from reproductions.yang2003.rendezvous_flights import POSITION_TOLERANCE, Flights
 from reproductions.yang2003.section_6_3_coupling_in_flight import Followed
-
-__all__ = ["draw"]
 
 _ALIKE = 0.05  # of the usual firing time: so near to it, mappers are one group
 _SMALL = 8.5
 
 
 def draw(
-    path: Path,
     *,
     flown: Mapping[str, Flights],
     usual: str,
@@ -31,7 +26,6 @@ def draw(
     """Final miss against firing time of each mapper, and final miss against how often a plan is made.
 
     Args:
-        path: Of the PNG.
         flown: The flights of each mapper, by its name.
         usual: The name of the mapper that the others are compared with.
         open_loop: The source's own flights, by their label.
@@ -42,7 +36,7 @@ def draw(
     upper, lower = figure.subplots(2, 1, height_ratios=(1.35, 1.0))
     _draw_mappers(upper, flown, flown[usual], open_loop)
     _draw_intervals(lower, seldom, minutes)
-    save(figure, path)
+    return figure
 
 
 def _draw_mappers(

@@ -20,7 +20,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.closed_loop_figure import draw
 from reproductions.yang2003.rendezvous_flights import Flights, Make, fly
 from reproductions.yang2003.section_6_3_coupling_in_flight import (
@@ -90,19 +91,12 @@ class NoFiring(ClosedFormMapper):
 
 @dataclass(frozen=True)
 class Row:
-    """A mapper of the table.
+    """A mapper of the table."""
 
-    Attributes:
-        name: As the table calls it.
-        make: Makes it for a spacecraft.
-        told: What it knows besides the command and the healthy effectiveness.
-        share: Of the flights, if it takes too long to fly them all; rounded down.
-    """
-
-    name: str
-    make: Make
-    told: str = ""
-    share: float = 1.0
+    name: str  # as the table calls it
+    make: Make  # makes it for a spacecraft
+    told: str = ""  # what it knows besides the command and the healthy effectiveness
+    share: float = 1.0  # of the flights, if it takes too long to fly them all; rounded down
 
 
 LINEAR_PROGRAM = Row("linear program", LPMapper)
@@ -141,8 +135,17 @@ ROWS = (
 )
 
 
+@reproduces(
+    "closed-loop-mappers",
+    lines="section 6.3 (E31, E32), ours in six degrees of freedom",
+    reported="nothing: the source flies open loop",
+    criterion=(
+        "over 90 % arrive with the linear program, compensated or not; what separates mappers is firing "
+        "time, and rare plans"
+    ),
+)
 def study(effort: Effort) -> Finding:
-    """`closed-loop-mappers`."""
+    """Orion's rendezvous flown with each mapper in the loop."""
     orbits = 0.5 if effort.flights >= FEW else 0.02
     flown = fly_all(effort.flights, orbits)
     seldom = fly_seldom_planned(max(1, int(PART * effort.flights)), orbits)
@@ -353,19 +356,3 @@ def _data(flights: Flights) -> dict[str, object]:
         "lost": int(flights.lost.sum()),
         **quantiles,
     }
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="closed-loop-mappers",
-        title="Orion's rendezvous flown with each mapper in the loop",
-        source="Yang 2003",
-        lines="section 6.3 (E31, E32), ours in six degrees of freedom",
-        reported="nothing: the source flies open loop",
-        criterion=(
-            "over 90 % arrive with the linear program, compensated or not; what separates mappers is firing "
-            "time, and rare plans"
-        ),
-        run=study,
-    ),
-)

@@ -33,21 +33,6 @@ from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOUR
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import load
 
-__all__ = [
-    "DETECTORS",
-    "EFFECTIVENESS",
-    "ONSET",
-    "Conditions",
-    "Record",
-    "alarm_rate",
-    "calibrated",
-    "flights_of",
-    "fly",
-    "measure",
-    "random_on_times",
-    "record",
-]
-
 EFFECTIVENESS = load("orion").effectiveness()
 AXES, THRUSTERS = EFFECTIVENESS.shape
 OPEN = 4  # thrusters in an interval
@@ -73,19 +58,12 @@ DETECTORS: dict[str, Callable[..., BaseDetector]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What is swept.
+    """What is swept."""
 
-    Attributes:
-        error: Of the measurements, as a multiple of the source's.
-        scatter: Of the firings, as a multiple of the source's.
-        measurement_noise: R of the filter.
-        process_noise: Q of the filter.
-    """
-
-    error: float = 1.0
-    scatter: float = 1.0
-    measurement_noise: float = SOURCE_MEASUREMENT_NOISE
-    process_noise: float = SOURCE_PROCESS_NOISE
+    error: float = 1.0  # of the measurements, as a multiple of the source's
+    scatter: float = 1.0  # of the firings, as a multiple of the source's
+    measurement_noise: float = SOURCE_MEASUREMENT_NOISE  # R of the filter
+    process_noise: float = SOURCE_PROCESS_NOISE  # Q of the filter
 
     def filter_settings(self) -> dict[str, Any]:
         """What a detector is told: R, Q, and the covariance at which Q u^2 balances what is learned."""
@@ -99,17 +77,11 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Record:
-    """What the detectors said of the same flights, in every interval.
+    """What the detectors said of the same flights, in every interval."""
 
-    Attributes:
-        statistic: By detector, (flights, intervals).
-        named: By detector, (flights, intervals): whom it would blame, from 1; 0 for nobody.
-        thruster: (flights,), the one that fails, from 1.
-    """
-
-    statistic: dict[str, FloatArray]
-    named: dict[str, IntArray]
-    thruster: IntArray
+    statistic: dict[str, FloatArray]  # by detector, (flights, intervals)
+    named: dict[str, IntArray]  # by detector, (flights, intervals): whom it would blame, from 1; 0 for nobody
+    thruster: IntArray  # (flights,), the one that fails, from 1
 
 
 def flights_of(effort: Effort) -> int:

@@ -15,16 +15,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.detection import (
     CUSUMDetector,
     DetectorPlayer,
@@ -92,8 +91,18 @@ CURVES = {
 }  # fmt: skip
 
 
+@reproduces(
+    "detectors",
+    lines="chapter 5 (E23 to E28), ours in one comparison",
+    reported="nothing of this kind: one condition at a time, without rates of names",
+    criterion=(
+        "calibrated alarms stay so on test flights, with bad measurements too; 99 % of dead thrusters found "
+        "and named within two intervals"
+    ),
+    alone=True,
+)
 def compared(effort: Effort) -> Finding:
-    """`detectors`."""
+    """Every detector by one yardstick."""
     count = max(40, int(FLIGHTS_PER_SAMPLE * effort.samples))
     rate = RATE if count >= 1000 else 0.01  # few flights cannot show a rare alarm
     seeds: dict[str, Sequence[int]] = {"validation": VALIDATION[:count], "test": TEST[:count]}
@@ -114,10 +123,8 @@ def compared(effort: Effort) -> Finding:
     low, high = clopper_pearson(named, dead)
     return Finding(
         ours=f"likelihood ratio with sensors' noise and sign gate: {_delay(best)}, {best.missed.value:.1%} "
-        "missed, "
-        f"{best.isolated.value:.1%} named rightly; dead thrusters told {TOLD:g} s or more: "
-        f"{named / dead:.2%} found "
-        "and named within two intervals",
+        f"missed, {best.isolated.value:.1%} named rightly; dead thrusters told {TOLD:g} s or more: "
+        f"{named / dead:.2%} found and named within two intervals",
         checks={
             "no detector alarms more often than it was calibrated to, at 95 % confidence": all(
                 one.false_alarms.low <= rate for one in found.values()
@@ -136,19 +143,16 @@ def compared(effort: Effort) -> Finding:
             "dead thrusters": {"flights": dead, "named": named},
         },
         note=f"{count:,} flights of {best.intervals} intervals on validation seeds for the thresholds, as "
-        "many on "
-        f"test seeds for the rest, healthy and faulty each. Thresholds are calibrated to {rate:g} false "
-        "alarms per "
-        "interval. A missed fault counts as infinitely late. Most wrong names are those of a thruster with "
-        "the "
-        f"same force and opposite torque. Dead thrusters: {dead:,} flights, {named:,} named ({low:.2%} to "
-        f"{high:.2%}).",
+        f"many on test seeds for the rest, healthy and faulty each. Thresholds are calibrated to {rate:g} "
+        "false alarms per interval. A missed fault counts as infinitely late. Most wrong names are those of "
+        f"a thruster with the same force and opposite torque. Dead thrusters: {dead:,} flights, {named:,} "
+        f"named ({low:.2%} to {high:.2%}).",
         tables=(
             _table("Every detector", found),
             _table("A third of the measurements missing, late, no numbers, or out of range", bad),
             _table("In flights of FaultDiagnosis-v0 under its scripted pilot", flown),
         ),
-        figure=lambda path: _draw(found, path),
+        figure=lambda: _draw(found),
     )
 
 
@@ -237,14 +241,14 @@ def _seconds(value: float) -> str:
     return f"{value:.0f}" if np.isfinite(value) else "missed"
 
 
-def _draw(found: dict[str, Evaluation], path: Path) -> None:
+def _draw(found: dict[str, Evaluation]) -> Figure:
     figure = Figure(figsize=(8.0, 8.6), layout="constrained")
     axes = figure.subplot_mosaic([["curve", "bars"], ["matrix", "matrix"]], height_ratios=[1.0, 1.15])
     _draw_curves(axes["curve"], found)
     _draw_names(axes["bars"], found)
     found[BEST].draw_confusion(axes["matrix"])
     axes["matrix"].set_title(f"Who is taken for whom, % of flights ({BEST})", loc="left")
-    save(figure, path)
+    return figure
 
 
 def _draw_curves(axes: Axes, found: dict[str, Evaluation]) -> None:
@@ -276,19 +280,3 @@ def _draw_names(axes: Axes, found: dict[str, Evaluation]) -> None:
     axes.set_xlabel("of the detected, named rightly, %")
     axes.set_title("Who names the thruster", loc="left")
     axes.grid(axis="y", visible=False)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="detectors",
-        title="Every detector by one yardstick",
-        source="Yang 2003",
-        lines="chapter 5 (E23 to E28), ours in one comparison",
-        reported="nothing of this kind: one condition at a time, without rates of names",
-        criterion="calibrated alarms stay so on test flights, with bad measurements too; 99 % of dead "
-        "thrusters found "
-        "and named within two intervals",
-        run=compared,
-        alone=True,
-    ),
-)

@@ -12,8 +12,6 @@ from collections.abc import Mapping
 
 from reproductions.record import Table
 
-__all__ = ["beside_earlier"]
-
 
 def beside_earlier(figures: Mapping[str, tuple[float, float]]) -> Table:
     """A table of figures, ours and the earlier ones, by name."""

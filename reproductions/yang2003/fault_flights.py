@@ -42,8 +42,6 @@ from thruster_envs.physics.health import effect_of
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["FAULT_KINDS", "PILOTS", "Flight", "HealthyFlight", "fly", "fly_all", "fly_healthy"]
-
 FAULT_KINDS = ("stuck_off", "loss", "stuck_on")
 _HALF = 0.5
 _FEW = 10  # up to so many flights are flown in this process
@@ -51,58 +49,33 @@ _FEW = 10  # up to so many flights are flown in this process
 
 @dataclass(frozen=True)
 class Flight:
-    """How a flight went.
+    """How a flight went."""
 
-    Attributes:
-        pilot: Who flew.
-        seed: Of the episode.
-        kind: Of the fault, as `thruster_envs.faults.KINDS` has it.
-        thruster: That failed, from 1.
-        onset: When it did, s; the first decision after it.
-        success: Whether the craft was in the terminal box when the time was up.
-        lost: Whether it went out of bounds on the way.
-        miss: Distance from the target at the end, or where it was lost, m.
-        speed: There, m/s.
-        angle: Between body and LVLH, there, rad.
-        rate: Of the body, inertial, there, rad/s.
-        firing_time: Thruster-seconds of open valve.
-        decisions: What a pilot that diagnoses decided of thrusters.
-    """
-
-    pilot: str
-    seed: int
-    kind: str
-    thruster: int
-    onset: float
-    success: bool
-    lost: bool
-    miss: float
-    speed: float
-    angle: float
-    rate: float
-    firing_time: float
-    decisions: tuple[Decision, ...]
+    pilot: str  # who flew
+    seed: int  # of the episode
+    kind: str  # of the fault, as `thruster_envs.faults.KINDS` has it
+    thruster: int  # that failed, from 1
+    onset: float  # when it did, s; the first decision after it
+    success: bool  # whether the craft was in the terminal box when the time was up
+    lost: bool  # whether it went out of bounds on the way
+    miss: float  # distance from the target at the end, or where it was lost, m
+    speed: float  # there, m/s
+    angle: float  # between body and LVLH, there, rad
+    rate: float  # of the body, inertial, there, rad/s
+    firing_time: float  # thruster-seconds of open valve
+    decisions: tuple[Decision, ...]  # what a pilot that diagnoses decided of thrusters
 
 
 @dataclass(frozen=True)
 class HealthyFlight:
-    """How the classical pilot flew with nothing failing.
+    """How the classical pilot flew with nothing failing."""
 
-    Attributes:
-        seed: Of the episode.
-        success: Whether the craft was in the terminal box when the time was up.
-        firing_time: Thruster-seconds of open valve.
-        threshold: Of the likelihood ratio.
-        statistics: (intervals,), the likelihood ratio.
-        names: How often it named a thruster.
-    """
-
-    seed: int
-    success: bool
-    firing_time: float
-    threshold: float
-    statistics: FloatArray
-    names: int
+    seed: int  # of the episode
+    success: bool  # whether the craft was in the terminal box when the time was up
+    firing_time: float  # thruster-seconds of open valve
+    threshold: float  # of the likelihood ratio
+    statistics: FloatArray  # (intervals,), the likelihood ratio
+    names: int  # how often it named a thruster
 
 
 class Pilot(ABC):

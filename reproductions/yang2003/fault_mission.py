@@ -34,8 +34,6 @@ from thruster_baselines.guidance import (
 from thruster_baselines.mapping import LPMapper, delivered_on_times
 from thruster_envs.protocols import FloatArray
 
-__all__ = ["DEGRADED", "LOST", "TWO_LOST", "Failure", "Flight", "Found", "Second", "fly"]
-
 SECOND = 1.0  # between two tests, s
 LOSSES = (0.25, 0.5, 0.75)  # partial models: the levels at which the source studies detection (appendix D)
 NOMINAL = ORION.effectiveness()
@@ -46,17 +44,11 @@ plan for firing time goes out of its way to spare what takes more thrusters, so 
 
 @dataclass(frozen=True)
 class Failure:
-    """A thruster that fails.
+    """A thruster that fails."""
 
-    Attributes:
-        thruster: From 1.
-        share: Of its thrust that is left.
-        period: From 1: in which it fails, from the start of it.
-    """
-
-    thruster: int
-    share: float
-    period: int
+    thruster: int  # from 1
+    share: float  # of its thrust that is left
+    period: int  # from 1: in which it fails, from the start of it
 
 
 LOST = (Failure(1, share=0.0, period=5),)
@@ -71,63 +63,38 @@ TWO_LOST = (Failure(1, share=0.0, period=1), Failure(2, share=0.0, period=1))
 
 @dataclass(frozen=True)
 class Found:
-    """What the pilot found out.
+    """What the pilot found out."""
 
-    Attributes:
-        period: From 1.
-        second: Of the period, from 1, after which.
-        thruster: From 1.
-        kind: As `thruster_envs.faults.KINDS`.
-        share: Believed from then on.
-        since: Seconds of firing since this thruster first failed to fire as told, this one included.
-    """
-
-    period: int
-    second: int
-    thruster: int
-    kind: str
-    share: float
-    since: int
+    period: int  # from 1
+    second: int  # of the period, from 1, after which
+    thruster: int  # from 1
+    kind: str  # as `thruster_envs.faults.KINDS`
+    share: float  # believed from then on
+    since: int  # seconds of firing since this thruster first failed to fire as told, this one included
 
 
 @dataclass(frozen=True)
 class Second:
-    """A second of firing as the detector saw it.
+    """A second of firing as the detector saw it."""
 
-    Attributes:
-        time: At its end, since the start, s.
-        expected: (m,), m/s then rad/s.
-        measured: (m,).
-        ratio: (n,), likelihood ratio of each thruster.
-    """
-
-    time: float
-    expected: FloatArray
-    measured: FloatArray
-    ratio: FloatArray
+    time: float  # at its end, since the start, s
+    expected: FloatArray  # (m,), m/s then rad/s
+    measured: FloatArray  # (m,)
+    ratio: FloatArray  # (n,), likelihood ratio of each thruster
 
 
 @dataclass(frozen=True)
 class Flight:
-    """How it went.
+    """How it went."""
 
-    Attributes:
-        states: (periods + 1, 6), m and m/s, LVLH.
-        rate_changes: (periods, 6), commanded, m/s and rad/s.
-        on_times: (periods, n), commanded, s.
-        delivered: (periods, n), full thrust for so long gives the same, s.
-        plans: Each with the number of periods flown before it, the first at 0.
-        found: In order, by a pilot that looks.
-        seconds: What the detector saw while it fired; none without diagnosis.
-    """
-
-    states: FloatArray
-    rate_changes: FloatArray
-    on_times: FloatArray
-    delivered: FloatArray
+    states: FloatArray  # (periods + 1, 6), m and m/s, LVLH
+    rate_changes: FloatArray  # (periods, 6), commanded, m/s and rad/s
+    on_times: FloatArray  # (periods, n), commanded, s
+    delivered: FloatArray  # (periods, n), full thrust for so long gives the same, s
+    # each with the number of periods flown before it, the first at 0
     plans: tuple[tuple[int, RendezvousPlan], ...]
-    found: tuple[Found, ...]
-    seconds: tuple[Second, ...]
+    found: tuple[Found, ...]  # in order, by a pilot that looks
+    seconds: tuple[Second, ...]  # what the detector saw while it fired; none without diagnosis
 
     @property
     def miss(self) -> float:

@@ -21,28 +21,18 @@ from thruster_envs import rollout
 from thruster_envs.faults import Fault
 from thruster_envs.protocols import FloatArray
 
-__all__ = ["FLOWN_BY", "AttitudeFlights", "fly_with_attitude"]
-
 FLOWN_BY = ("oracle", "classical", "blind", "open loop")
 
 
 @dataclass(frozen=True)
 class AttitudeFlights:
-    """How flights of one pilot ended.
+    """How flights of one pilot ended."""
 
-    Attributes:
-        success: (flights,), whether the craft was in the terminal box when the time was up.
-        lost: (flights,), whether it went out of bounds before.
-        miss: (flights,), distance from the target at the end, or where it was lost, m.
-        firing_time: (flights,), thruster-seconds of open valve; a dead one does not open.
-        spent: (flights, steps + 1), firing time up to each step; constant after a loss.
-    """
-
-    success: FloatArray
-    lost: FloatArray
-    miss: FloatArray
-    firing_time: FloatArray
-    spent: FloatArray
+    success: FloatArray  # (flights,), whether the craft was in the terminal box when the time was up
+    lost: FloatArray  # (flights,), whether it went out of bounds before
+    miss: FloatArray  # (flights,), distance from the target at the end, or where it was lost, m
+    firing_time: FloatArray  # (flights,), thruster-seconds of open valve; a dead one does not open
+    spent: FloatArray  # (flights, steps + 1), firing time up to each step; constant after a loss
 
 
 def fly_with_attitude(

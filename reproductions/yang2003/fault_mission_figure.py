@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, panels, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, panels
 from reproductions.yang2003.fault_mission import Flight
 from reproductions.yang2003.section_6_3_coupling_in_flight import PERIOD, START
 from thruster_envs.protocols import FloatArray
-
-__all__ = ["draw_flights", "draw_second", "paths", "spent"]
 
 COLORS = (ORANGE, BLUE, GREEN, RED)
 FLOOR = 1e-9  # of likelihood ratios that are shown
 
 
-def draw_flights(path: Path, flights: Mapping[str, Flight]) -> None:
+def draw_flights(flights: Mapping[str, Flight]) -> None:
     """Paths with their plans, and beside them the commanded delta-v over time.
 
     Args:
-        path: Of the PNG.
         flights: At most four, by name.
     """
     figure, (left, right) = panels(2, height=3.9)
     paths(left, flights)
     spent(right, flights)
-    save(figure, path)
+    return figure
 
 
 def paths(axes: Axes, flights: Mapping[str, Flight]) -> None:
@@ -56,12 +52,11 @@ def spent(axes: Axes, flights: Mapping[str, Flight]) -> None:
 
 
 def draw_second(
-    path: Path, flights: Mapping[str, Flight], ratios: FloatArray, times: Sequence[float], threshold: float
+    flights: Mapping[str, Flight], ratios: FloatArray, times: Sequence[float], threshold: float
 ) -> None:
     """Paths with their plans, and beside them the likelihood ratios of all thrusters in seconds of firing.
 
     Args:
-        path: Of the PNG.
         flights: At most four, by name.
         ratios: (seconds, n).
         times: At the end of each, s.
@@ -86,4 +81,4 @@ def draw_second(
     right.set(xlabel="time, s", ylabel="likelihood ratio", title="Seen by the detector, second by second")
     right.set(yscale="log", ylim=(FLOOR, 1e-3), xlim=(0.0, None))
     right.legend(loc="upper left", fontsize=8.5)
-    save(figure, path)
+    return figure

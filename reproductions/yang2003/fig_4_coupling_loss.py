@@ -9,12 +9,11 @@ other and that physics and mappers hold to them.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import delivered_on_times
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.protocols import FloatArray
@@ -27,8 +26,14 @@ ROUND_OFF = 1e-12
 SEED = 6
 
 
+@reproduces(
+    "E06",
+    lines="L457-464, L553, L561, L573, L1347, L1383, Fig. 4",
+    reported="30 % of each of six; 6 % (once 6.2 %) for each further one, a straight line; ±10 % scatter",
+    criterion="loss with N open is 0.06 (N - 1), in the mappers' model and as flown; scatter within 10 %",
+)
 def coupling_loss(effort: Effort) -> Finding:
-    """E06."""
+    """Loss of thrusters that share a feed."""
     open_thrusters = np.tri(COUNT)  # the first 1, 2, ... of them
     fired = fire(np.tile(open_thrusters, (-(-effort.samples // COUNT), 1, 1)))
     shares = [fired[:, count - 1, :count] for count in range(1, COUNT + 1)]
@@ -74,7 +79,7 @@ def coupling_loss(effort: Effort) -> Finding:
                 ),
             ),
         ),
-        figure=lambda path: draw(path, mean_loss, law),
+        figure=lambda: draw(mean_loss, law),
     )
 
 
@@ -91,11 +96,10 @@ def fire(duties: FloatArray) -> FloatArray:
     return delivered.reshape(duties.shape) / ORION.control_period
 
 
-def draw(path: Path, mean_loss: FloatArray, law: FloatArray) -> None:
+def draw(mean_loss: FloatArray, law: FloatArray) -> None:
     """Loss against how many are open.
 
     Args:
-        path: Of the PNG.
         mean_loss: (n,), as flown.
         law: (n,), of the source.
     """
@@ -137,17 +141,4 @@ def draw(path: Path, mean_loss: FloatArray, law: FloatArray) -> None:
         title="What open thrusters cost each other on Orion",
     )
     axes.legend(loc="upper left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E06",
-        title="Loss of thrusters that share a feed",
-        source="Yang 2003",
-        lines="L457-464, L553, L561, L573, L1347, L1383, Fig. 4",
-        reported="30 % of each of six; 6 % (once 6.2 %) for each further one, a straight line; ±10 % scatter",
-        criterion="loss with N open is 0.06 (N - 1), in the mappers' model and as flown; scatter within 10 %",
-        run=coupling_loss,
-    ),
-)
+    return figure

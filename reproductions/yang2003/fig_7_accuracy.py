@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, FAILED, METHODS, SHARE, Trial, commands, trial
 from thruster_baselines.mapping import DifferentialCompensationMapper
 from thruster_baselines.mapping.compensation import CYCLED
@@ -16,8 +15,20 @@ from thruster_baselines.statistics import clopper_pearson
 COLOURS = dict(zip(METHODS, (INK, ORANGE, BLUE, GREEN, PURPLE), strict=True))
 
 
+@reproduces(
+    "E11",
+    lines="Fig. 7, L581-592",
+    reported=(
+        "II always converges; I does well with rotation or translation alone and not reliably on six axes; "
+        "the integer program is worse throughout (values not readable)"
+    ),
+    criterion=(
+        "the same ordering: II below 0.2 %, I failing on six axes only, integer program far worse, "
+        "10 to 25 % missing without compensation"
+    ),
+)
 def accuracy(effort: Effort) -> Finding:
-    """E11."""
+    """Accuracy of methods I and II and of the integer program."""
     trials = {(m, c): trial(m, c, effort.samples) for m in METHODS for c in CONDITIONS}
     rows, data = [], {}
     for (method, condition), one in trials.items():
@@ -63,11 +74,9 @@ def accuracy(effort: Effort) -> Finding:
         checks=checks,
         data=data,
         note=f"{effort.samples:,} commands in each condition, uniform in {SHARE:.0%} of the authority; the "
-        "source "
-        "gives neither its distribution nor the figure's values. Error: miss with the loss by overlap over "
-        "command, in shares of authority. Failed: error above 1 %; 95 % Clopper-Pearson interval. The "
-        "integer "
-        "program takes 6.2 % loss, as in the source. *Exact* is not in the source.",
+        "source gives neither its distribution nor the figure's values. Error: miss with the loss by overlap "
+        "over command, in shares of authority. Failed: error above 1 %; 95 % Clopper-Pearson interval. The "
+        "integer program takes 6.2 % loss, as in the source. *Exact* is not in the source.",
         tables=(
             Table(
                 "Error by condition and method",
@@ -75,11 +84,11 @@ def accuracy(effort: Effort) -> Finding:
                 tuple(rows),
             ),
         ),
-        figure=lambda path: _draw(trials, path),
+        figure=lambda: _draw(trials),
     )
 
 
-def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
+def _draw(trials: dict[tuple[str, str], Trial]) -> Figure:
     figure, axes = panels(3, height=3.6)
     floor = 1e-5
     for axis, condition in zip(axes, CONDITIONS, strict=True):
@@ -102,11 +111,17 @@ def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
     figure.suptitle(
         "Methods I and II make up for the loss; the integer program (MILP) does not", x=0.01, ha="left"
     )
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E14",
+    lines="section 2.4.1, L510-512",
+    reported="under some conditions it never ends; noticing that costs about three rounds more",
+    criterion="such commands exist, are noticed and counted, at a cost of a few rounds",
+)
 def cycling(effort: Effort) -> Finding:
-    """E14."""
+    """Method I going round in circles."""
     asked = commands("six axes", effort.samples)
     patient = DifferentialCompensationMapper("orion", max_iterations=500)
     answer = patient(asked)
@@ -116,9 +131,8 @@ def cycling(effort: Effort) -> Finding:
     extra = float(answer.iterations[cycled].mean() - others.mean()) if cycled.any() else 0.0
     unsettled = int(((answer.status != 0) & ~cycled).sum())
     return Finding(
-        ours=f"{cycled.mean():.1%} ({low:.1%} to {high:.1%}) of the commands on six axes cycle; noticing "
-        "it takes "
-        f"{extra:.1f} rounds more than the others need",
+        ours=f"{cycled.mean():.1%} ({low:.1%} to {high:.1%}) of the commands on six axes cycle; noticing it "
+        f"takes {extra:.1f} rounds more than the others need",
         checks={
             "some commands cycle, and are noticed and counted": bool(cycled.any()),
             "no command goes on for 500 rounds unnoticed": unsettled == 0,
@@ -127,35 +141,7 @@ def cycling(effort: Effort) -> Finding:
         data={"cycled": int(cycled.sum()), "samples": effort.samples, "extra_rounds": extra,
               "rounds_of_others": others.mean(), "unsettled": unsettled},
         note="A cycle is noticed when three rounds bring the command no nearer; the best round is the "
-        "answer. "
-        "None of the commands on rotation or translation alone cycles (E11). Were each linear program "
-        "started "
-        "from scratch instead of from the last basis, one in eight commands on translation alone would "
-        "cycle too, "
-        "between vertices that are equally cheap.",
+        "answer. None of the commands on rotation or translation alone cycles (E11). Were each linear "
+        "program started from scratch instead of from the last basis, one in eight commands on translation "
+        "alone would cycle too, between vertices that are equally cheap.",
     )  # fmt: skip
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E11",
-        title="Accuracy of methods I and II and of the integer program",
-        source="Yang 2003",
-        lines="Fig. 7, L581-592",
-        reported="II always converges; I does well with rotation or translation alone and not reliably on "
-        "six axes; "
-        "the integer program is worse throughout (values not readable)",
-        criterion="the same ordering: II below 0.2 %, I failing on six axes only, integer program far worse, "
-        "10 to 25 % missing without compensation",
-        run=accuracy,
-    ),
-    Reproduction(
-        id="E14",
-        title="Method I going round in circles",
-        source="Yang 2003",
-        lines="section 2.4.1, L510-512",
-        reported="under some conditions it never ends; noticing that costs about three rounds more",
-        criterion="such commands exist, are noticed and counted, at a cost of a few rounds",
-        run=cycling,
-    ),
-)

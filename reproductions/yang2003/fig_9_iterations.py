@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, SHARE, Trial, commands, trial
 from thruster_baselines.mapping import AdditiveCompensationMapper, LPMapper
 from thruster_baselines.mapping.compensation import SHORT
@@ -15,8 +14,14 @@ from thruster_baselines.mapping.compensation import SHORT
 SATURATING = 0.4  # share of the authority: a third of such commands on six axes meets a bound
 
 
+@reproduces(
+    "E13",
+    lines="Fig. 9, L602-604",
+    reported="method I takes fewer, at a higher cost each; four on average (values not readable)",
+    criterion="method I takes fewer with rotation or translation alone; three to six on average",
+)
 def iterations(effort: Effort) -> Finding:
-    """E13."""
+    """Rounds that methods I and II take."""
     trials = {(m, c): trial(m, c, effort.samples) for m in ("method I", "method II") for c in CONDITIONS}
 
     def mean(method: str, condition: str) -> float:
@@ -43,17 +48,16 @@ def iterations(effort: Effort) -> Finding:
         data={
             f"{c}, {m}": np.bincount(trials[m, c].iterations) for m, c in trials
         },
-        note=f"Rounds until 0.1 % is missing at most, {effort.samples:,} commands in each condition, "
-        "uniform in "
-        f"{SHARE:.0%} of the authority. Averages are over the commands on which a method converges.",
+        note=f"Rounds until 0.1 % is missing at most, {effort.samples:,} commands in each condition, uniform "
+        f"in {SHARE:.0%} of the authority. Averages are over the commands on which a method converges.",
         tables=(
             Table("Rounds on average", ("condition", "method I", "method II", "method I cycles"), rows),
         ),
-        figure=lambda path: _draw(trials, path),
+        figure=lambda: _draw(trials),
     )  # fmt: skip
 
 
-def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
+def _draw(trials: dict[tuple[str, str], Trial]) -> Figure:
     figure, axes = panels(3, height=3.6)
     most = 12
     for axis, condition in zip(axes, CONDITIONS, strict=True):
@@ -83,11 +87,17 @@ def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
         axis.grid(axis="x", visible=False)
     axes[0].set_ylabel("share of commands, %")
     figure.suptitle("Method I takes fewer rounds, but not always to the end", x=0.01, ha="left")
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E09",
+    lines="section 2.4.2, L553",
+    reported="fewer than seven",
+    criterion="fewer than seven for every command that can be met",
+)
 def within_one_percent(effort: Effort) -> Finding:
-    """E09."""
+    """Rounds that method II takes to within 1 %."""
     mapper = AdditiveCompensationMapper("orion", tolerance=0.01)
     largest, data, rows = {}, {}, []
     for condition in CONDITIONS:
@@ -103,17 +113,15 @@ def within_one_percent(effort: Effort) -> Finding:
             ))  # fmt: skip
     small = max(value for (_, share), value in largest.items() if share == SHARE)
     return Finding(
-        ours=f"at most {small} where every command can be met, at most {max(largest.values())} where a "
-        "third meets a "
-        "bound",
+        ours=f"at most {small} where every command can be met, at most {max(largest.values())} where a third "
+        "meets a bound",
         checks={
             "fewer than seven linear programs for every command that can be met": small < 7,
         },
         data=data,
         note="Counted for commands that the method brings to 1 %; *short* is the share that a bound keeps "
-        "from it. "
-        "Beyond the authority the rounds wander from thruster to thruster, and a few commands take more "
-        "than seven.",
+        "from it. Beyond the authority the rounds wander from thruster to thruster, and a few commands take "
+        "more than seven.",
         tables=(
             Table(
                 "Rounds to within 1 %",
@@ -124,8 +132,14 @@ def within_one_percent(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E10",
+    lines="section 2.4.2, L528; appendix B, L2003-2008",
+    reported="a factor above 0.1 suffices to keep new thrusters from joining",
+    criterion="with the rule on, no new thruster joins where that can be avoided",
+)
 def cost_rule(effort: Effort) -> Finding:
-    """E10."""
+    """What a lower cost of used thrusters does."""
     plain, joined, rows = LPMapper("orion"), {}, []
     for condition in CONDITIONS:
         asked = commands(condition, effort.samples)
@@ -165,34 +179,3 @@ def cost_rule(effort: Effort) -> Finding:
             ),
         ),
     )  # fmt: skip
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E09",
-        title="Rounds that method II takes to within 1 %",
-        source="Yang 2003",
-        lines="section 2.4.2, L553",
-        reported="fewer than seven",
-        criterion="fewer than seven for every command that can be met",
-        run=within_one_percent,
-    ),
-    Reproduction(
-        id="E10",
-        title="What a lower cost of used thrusters does",
-        source="Yang 2003",
-        lines="section 2.4.2, L528; appendix B, L2003-2008",
-        reported="a factor above 0.1 suffices to keep new thrusters from joining",
-        criterion="with the rule on, no new thruster joins where that can be avoided",
-        run=cost_rule,
-    ),
-    Reproduction(
-        id="E13",
-        title="Rounds that methods I and II take",
-        source="Yang 2003",
-        lines="Fig. 9, L602-604",
-        reported="method I takes fewer, at a higher cost each; four on average (values not readable)",
-        criterion="method I takes fewer with rotation or translation alone; three to six on average",
-        run=iterations,
-    ),
-)

@@ -12,13 +12,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     DETECTORS,
     Conditions,
@@ -42,15 +42,10 @@ SEED = 2
 
 @dataclass(frozen=True)
 class Point:
-    """A detector under one condition.
+    """A detector under one condition."""
 
-    Attributes:
-        detected: Windows with an alarm after the onset.
-        false: Windows with an alarm before.
-    """
-
-    detected: Rate
-    false: Rate
+    detected: Rate  # windows with an alarm after the onset
+    false: Rate  # windows with an alarm before
 
     @property
     def ratio(self) -> float:
@@ -111,8 +106,17 @@ def _leads(curves: Curves) -> bool:
     )
 
 
+@reproduces(
+    "E23",
+    lines="Fig. 14, L1182-1194",
+    reported=(
+        "falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
+        "on the estimate matches it (values not readable)"
+    ),
+    criterion="the ratio falls with both noises; the likelihood ratio is at the top or tied",
+)
 def against_noise(effort: Effort) -> Finding:
-    """E23."""
+    """Detections over false alarms against noise."""
     flights = flights_of(effort)
     errors = _sweep([Conditions(error=one) for one in ERRORS], flights)
     scatters = _sweep([Conditions(scatter=one) for one in SCATTERS], flights)
@@ -150,16 +154,22 @@ def against_noise(effort: Effort) -> Finding:
             _table("Measurement errors, as multiples of 0.5 mm/s and 0.5 mrad/s", ERRORS, errors),
             _table("Scatter of the firings, as multiples of 10 %", SCATTERS, scatters),
         ),
-        figure=lambda path: _draw(
-            path, "Detections over false alarms fall with noise",
+        figure=lambda: _draw(
+            "Detections over false alarms fall with noise",
             (ERRORS, errors, "measurement errors, multiple of the source's"),
             (SCATTERS, scatters, "scatter of firings, multiple of the source's"),
         ),
     )  # fmt: skip
 
 
+@reproduces(
+    "E24",
+    lines="Fig. 15, L1192",
+    reported="a higher threshold gives a higher ratio and fewer detections; a higher R/Q a higher ratio",
+    criterion="these trends, for all five detectors",
+)
 def against_settings(effort: Effort) -> Finding:
-    """E24."""
+    """Detections over false alarms against threshold and R/Q."""
     flights = flights_of(effort)
     levels = _over_thresholds(flights)
     by_r = _sweep([Conditions(measurement_noise=SOURCE_MEASUREMENT_NOISE * one) for one in FACTORS], flights)
@@ -201,8 +211,8 @@ def against_settings(effort: Effort) -> Finding:
                 ),
             ),
         ),
-        figure=lambda path: _draw(
-            path, "A higher threshold, or a larger R, buys fewer false alarms",
+        figure=lambda: _draw(
+            "A higher threshold, or a larger R, buys fewer false alarms",
             (THRESHOLDS, levels, "threshold, multiple of calibrated"),
             (FACTORS, by_r, "R/Q by R, multiple of 1000"),
             (FACTORS, by_q, "R/Q by Q, multiple of 1000"),
@@ -235,7 +245,7 @@ def _table(title: str, at: Sequence[float], curves: Curves) -> Table:
     )
 
 
-def _draw(path: Path, title: str, *sweeps: tuple[Sequence[float], Curves, str]) -> None:
+def _draw(title: str, *sweeps: tuple[Sequence[float], Curves, str]) -> None:
     figure, axes = panels(len(sweeps), height=4.6)
     for axis, (at, curves, label) in zip(axes, sweeps, strict=True):
         _curves(axis, at, curves)
@@ -246,7 +256,7 @@ def _draw(path: Path, title: str, *sweeps: tuple[Sequence[float], Curves, str]) 
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
     figure.suptitle(title, x=0.01, ha="left")
-    save(figure, path)
+    return figure
 
 
 def _curves(axis: Axes, at: Sequence[float], curves: Curves) -> None:
@@ -265,26 +275,3 @@ def _curves(axis: Axes, at: Sequence[float], curves: Curves) -> None:
     axis.set_xticks(list(at), [f"{one:g}" for one in at])
     axis.minorticks_off()
     axis.set_yscale("log")
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E23",
-        title="Detections over false alarms against noise",
-        source="Yang 2003",
-        lines="Fig. 14, L1182-1194",
-        reported="falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
-        "on the estimate matches it (values not readable)",
-        criterion="the ratio falls with both noises; the likelihood ratio is at the top or tied",
-        run=against_noise,
-    ),
-    Reproduction(
-        id="E24",
-        title="Detections over false alarms against threshold and R/Q",
-        source="Yang 2003",
-        lines="Fig. 15, L1192",
-        reported="a higher threshold gives a higher ratio and fewer detections; a higher R/Q a higher ratio",
-        criterion="these trends, for all five detectors",
-        run=against_settings,
-    ),
-)

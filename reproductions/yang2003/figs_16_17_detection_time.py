@@ -15,12 +15,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     DETECTORS,
     EFFECTIVENESS,
@@ -118,8 +118,17 @@ def _lead(points: Times, method: str) -> float:
     return min(min(_median(one[method]), WATCHED) / _median(one[GLR]) for one in points)
 
 
+@reproduces(
+    "E25",
+    lines="Fig. 16, L1196-1206",
+    reported=(
+        "the likelihood ratio faster than the others by three times at least, up to ten and more; "
+        "times change less than ratios (values not readable)"
+    ),
+    criterion="the same, where the others wait for an estimate below 80 % of nominal",
+)
 def against_noise(effort: Effort) -> Finding:
-    """E25."""
+    """Time to detect and isolate against noise."""
     flights = flights_of(effort)
     errors = [isolation_times(Conditions(error=one), flights) for one in ERRORS]
     scatters = [isolation_times(Conditions(scatter=one), flights) for one in SCATTERS]
@@ -158,16 +167,22 @@ def against_noise(effort: Effort) -> Finding:
             _table("Scatter of the firings, multiples of the source's", SCATTERS, scatters),
             _shares("Measurement errors, multiples of the source's", ERRORS, errors),
         ),
-        figure=lambda path: _draw(
-            path, "The likelihood ratio needs no waiting for estimates, whatever the noise",
+        figure=lambda: _draw(
+            "The likelihood ratio needs no waiting for estimates, whatever the noise",
             (ERRORS, errors, "measurement errors, multiple of the source's"),
             (SCATTERS, scatters, "scatter of firings, multiple of the source's"),
         ),
     )  # fmt: skip
 
 
+@reproduces(
+    "E26",
+    lines="Fig. 17, L1204-1206",
+    reported="as Fig. 16 (values not readable)",
+    criterion="the likelihood ratio first everywhere, and by three times from the source's R/Q on",
+)
 def against_settings(effort: Effort) -> Finding:
-    """E26."""
+    """Time to detect and isolate against threshold and R/Q."""
     flights = flights_of(effort)
     factors = THRESHOLDS[2:]
     levels = [
@@ -211,8 +226,8 @@ def against_settings(effort: Effort) -> Finding:
             _table("R/Q by R, multiples of 1000", FACTORS, by_r),
             _table("R/Q by Q, multiples of 1000", FACTORS, by_q),
         ),
-        figure=lambda path: _draw(
-            path, "A slow filter delays who relies on its estimates",
+        figure=lambda: _draw(
+            "A slow filter delays who relies on its estimates",
             (factors, levels, "threshold, multiple"),
             (FACTORS, by_r, "R/Q by R, multiple of 1000"),
             (FACTORS, by_q, "R/Q by Q, multiple of 1000"),
@@ -229,9 +244,8 @@ def _note(flights: int, leads: dict[str, float]) -> str:
         f"{flights:,} flights a point; a thruster keeps a quarter of its thrust and fires in a third of the "
         "intervals, up to 1 s; most of the likelihood ratio's time is waiting for a firing that is long "
         f"enough. An estimate calibrated to the same false alarms takes {leads[FAST]:.1f} times as long at "
-        f"least, a chi-squared test whose alarm raises the covariance "
-        f"{leads[RAISED]:.1f} times: the factor is as much the "
-        "source's choice of level as the method's."
+        f"least, a chi-squared test whose alarm raises the covariance {leads[RAISED]:.1f} times: the factor "
+        "is as much the source's choice of level as the method's."
     )
 
 
@@ -272,7 +286,7 @@ _LOOKS = {
 }
 
 
-def _draw(path: Path, title: str, *sweeps: tuple[Sequence[float], Times, str]) -> None:
+def _draw(title: str, *sweeps: tuple[Sequence[float], Times, str]) -> None:
     figure, axes = panels(len(sweeps), height=5.0)
     for axis, (at, points, label) in zip(axes, sweeps, strict=True):
         for k, (name, (colour, marker, style)) in enumerate(_LOOKS.items()):
@@ -293,11 +307,17 @@ def _draw(path: Path, title: str, *sweeps: tuple[Sequence[float], Times, str]) -
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8.5)
     figure.suptitle(title, x=0.01, ha="left")
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E28",
+    lines="section 5.2.4, L1224",
+    reported="a ratio several magnitudes better, and two to three times faster than the nearest",
+    criterion="neither can hold with L1192-1206; what is measured is reported",
+)
 def summary(effort: Effort) -> Finding:
-    """E28."""
+    """Summary of the detection study."""
     flights = flights_of(effort)
     thresholds, flown = calibrated(flights), record(Conditions(), flights, SEED + 1)
     waiting = isolation_times(Conditions(), flights)
@@ -332,35 +352,3 @@ def summary(effort: Effort) -> Finding:
             ),
         ),
     )  # fmt: skip
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E25",
-        title="Time to detect and isolate against noise",
-        source="Yang 2003",
-        lines="Fig. 16, L1196-1206",
-        reported="the likelihood ratio faster than the others by three times at least, up to ten and more; "
-        "times change less than ratios (values not readable)",
-        criterion="the same, where the others wait for an estimate below 80 % of nominal",
-        run=against_noise,
-    ),
-    Reproduction(
-        id="E26",
-        title="Time to detect and isolate against threshold and R/Q",
-        source="Yang 2003",
-        lines="Fig. 17, L1204-1206",
-        reported="as Fig. 16 (values not readable)",
-        criterion="the likelihood ratio first everywhere, and by three times from the source's R/Q on",
-        run=against_settings,
-    ),
-    Reproduction(
-        id="E28",
-        title="Summary of the detection study",
-        source="Yang 2003",
-        lines="section 5.2.4, L1224",
-        reported="a ratio several magnitudes better, and two to three times faster than the nearest",
-        criterion="neither can hold with L1192-1206; what is measured is reported",
-        run=summary,
-    ),
-)

@@ -10,12 +10,12 @@ the others at random, none for more than 5 s. The same firings without the fault
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     AXES,
     CONFIDENCE,
@@ -66,8 +66,17 @@ def _above(statistics: FloatArray, threshold: float) -> Rate:
     return Rate.of(above, len(statistics), CONFIDENCE)
 
 
+@reproduces(
+    "E35",
+    lines="Fig. 25, L1413-1418",
+    reported=(
+        "none above 3e-5; doubling the scatter causes far more than doubling measurement errors; "
+        "none in any run at 5.5e-5"
+    ),
+    criterion="none above 3e-5 in 100,000 firings; scatter matters more; at 5.5e-5 next to none",
+)
 def false_alarms(effort: Effort) -> Finding:
-    """E35."""
+    """False alarms against the threshold of the likelihood ratio."""
     count = 10 * effort.samples
     laws = {
         _DEFAULT: (4, 1.0, 1.0, 1.0, False),
@@ -129,14 +138,14 @@ def false_alarms(effort: Effort) -> Finding:
                 ),
             ),
         ),
-        figure=lambda path: _draw_alarms(found, path),
+        figure=lambda: _draw_alarms(found),
     )  # fmt: skip
 
 
 _DEFAULT, _SCATTER, _ERRORS = "the source's noise", "twice the scatter", "twice the measurement errors"
 
 
-def _draw_alarms(found: dict[str, FloatArray], path: Path) -> None:
+def _draw_alarms(found: dict[str, FloatArray]) -> Figure:
     figure, (axis,) = panels(height=4.0)
     looks = ((_DEFAULT, BLUE), (_SCATTER, ORANGE), (_ERRORS, GREEN))
     for name, colour in looks:
@@ -153,7 +162,7 @@ def _draw_alarms(found: dict[str, FloatArray], path: Path) -> None:
     axis.set(xlabel="threshold of the likelihood ratio", ylabel="firings that alarm, %")
     axis.set_title("False alarms of healthy firings: scatter matters more than sensors", loc="left")
     axis.legend(loc="lower left")
-    save(figure, path)
+    return figure
 
 
 @cache
@@ -195,8 +204,17 @@ def _firings(rng: np.random.Generator, count: int, own: float, rest: float) -> t
     return told, thruster
 
 
+@reproduces(
+    "E36",
+    lines="Fig. 26, L1420-1429",
+    reported=(
+        "virtually 100 % from 1.5 s and 10 % of all on-time on; virtually none below 0.8 s; more "
+        "than 1 s at less than 8 % impossible"
+    ),
+    criterion="nearly all from 1.5 s and 10 % on, nearly none where the signature is within the noise",
+)
 def half_loss(effort: Effort) -> Finding:
-    """E36."""
+    """Detection of half a loss by on-time and its share of all on-time."""
     count = flights_of(effort)
     detected, named, sound = _grid(0.5, count)
     long, tenth = ON_TIMES.index(1.5), SHARES.index(0.1)
@@ -228,15 +246,21 @@ def half_loss(effort: Effort) -> Finding:
         "holds for total on-times up to 12.5 s only, and such cells are shown where they can be drawn.",
         tables=(_heat_table("Detected", detected), _heat_table("Rightly named", named),
                 _heat_table("The same firings without a fault that alarm", sound)),
-        figure=lambda path: _heat(
-            path, f"A thruster that loses half of its thrust, threshold {SOURCE_THRESHOLD:g}",
+        figure=lambda: _heat(
+            f"A thruster that loses half of its thrust, threshold {SOURCE_THRESHOLD:g}",
             ("detected", detected), ("rightly named", named), ("alarms without a fault", sound),
         ),
     )  # fmt: skip
 
 
+@reproduces(
+    "E37",
+    lines="appendix D, L1427, L2034-2044",
+    reported="figures whose values cannot be read",
+    criterion="the edge of detection moves with what is lost as the noise-free statistic does",
+)
 def other_losses(effort: Effort) -> Finding:
-    """E37."""
+    """Detection of losses to 25 % and 75 %, and of a dead thruster."""
     count = flights_of(effort)
     found = {kept: _grid(kept, count) for kept in (0.25, 0.75, 0.0)}
     whole = SHARES.index(0.2)
@@ -271,8 +295,8 @@ def other_losses(effort: Effort) -> Finding:
         tables=tuple(
             _heat_table(f"Detected, {_KEPT[kept]}", one[0]) for kept, one in found.items()
         ),
-        figure=lambda path: _heat(
-            path, f"Detected at a threshold of {SOURCE_THRESHOLD:g}",
+        figure=lambda: _heat(
+            f"Detected at a threshold of {SOURCE_THRESHOLD:g}",
             *((_KEPT[kept], one[0]) for kept, one in found.items()),
         ),
     )  # fmt: skip
@@ -291,8 +315,14 @@ def _span(rates: FloatArray) -> str:
     return f"{rates.min():.0%} to {rates.max():.0%}"
 
 
+@reproduces(
+    "E38",
+    lines="Fig. 27, L1431-1434",
+    reported="identified every time at 5.5e-5",
+    criterion="every time",
+)
 def full_on(effort: Effort) -> Finding:
-    """E38."""
+    """Detection of a thruster that is stuck on."""
     count = 5 * flights_of(effort)
     rng = np.random.default_rng(38)
     told = random_on_times(rng, (count,), 5, PERIOD)
@@ -333,7 +363,7 @@ def _heat_table(title: str, rates: FloatArray) -> Table:
     )
 
 
-def _heat(path: Path, title: str, *maps: tuple[str, FloatArray]) -> None:
+def _heat(title: str, *maps: tuple[str, FloatArray]) -> None:
     figure, axes = panels(len(maps), height=4.4)
     for axis, (name, rates) in zip(axes, maps, strict=True):
         image = axis.imshow(
@@ -353,46 +383,4 @@ def _heat(path: Path, title: str, *maps: tuple[str, FloatArray]) -> None:
     axes[0].set_ylabel("on-time of the thruster that fails, s")
     figure.colorbar(image, ax=axes[-1], label="% of firings (grey: cannot be)")
     figure.suptitle(title, x=0.01, ha="left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E35",
-        title="False alarms against the threshold of the likelihood ratio",
-        source="Yang 2003",
-        lines="Fig. 25, L1413-1418",
-        reported="none above 3e-5; doubling the scatter causes far more than doubling measurement errors; "
-        "none in any run at 5.5e-5",
-        criterion="none above 3e-5 in 100,000 firings; scatter matters more; at 5.5e-5 next to none",
-        run=false_alarms,
-    ),
-    Reproduction(
-        id="E36",
-        title="Detection of half a loss by on-time and its share of all on-time",
-        source="Yang 2003",
-        lines="Fig. 26, L1420-1429",
-        reported="virtually 100 % from 1.5 s and 10 % of all on-time on; virtually none below 0.8 s; more "
-        "than 1 s at less than 8 % impossible",
-        criterion="nearly all from 1.5 s and 10 % on, nearly none where the signature is within the noise",
-        run=half_loss,
-    ),
-    Reproduction(
-        id="E37",
-        title="Detection of losses to 25 % and 75 %, and of a dead thruster",
-        source="Yang 2003",
-        lines="appendix D, L1427, L2034-2044",
-        reported="figures whose values cannot be read",
-        criterion="the edge of detection moves with what is lost as the noise-free statistic does",
-        run=other_losses,
-    ),
-    Reproduction(
-        id="E38",
-        title="Detection of a thruster that is stuck on",
-        source="Yang 2003",
-        lines="Fig. 27, L1431-1434",
-        reported="identified every time at 5.5e-5",
-        criterion="every time",
-        run=full_on,
-    ),
-)
+    return figure

@@ -8,12 +8,11 @@ part.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import CONFIDENCE, EFFECTIVENESS, ERROR, THRUSTERS, measure
 from thruster_baselines.detection import GLRDetector, ModelComparison
 from thruster_baselines.detection.evaluate import Rate
@@ -33,8 +32,14 @@ def _detector(vehicles: int = 1) -> GLRDetector:
     return GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, process_noise=0.0, vehicles=vehicles)
 
 
+@reproduces(
+    "E41",
+    lines="Fig. 30, L1452-1459",
+    reported="measured significantly different from expected (values not readable)",
+    criterion="the sound firing turns nothing; what is missing is the column of thruster 1",
+)
 def residual(effort: Effort) -> Finding:
-    """E41."""
+    """Measured and expected rate change when thruster 1 dies."""
     expected, measured = EFFECTIVENESS @ FIRING, EFFECTIVENESS @ DELIVERED
     missing = expected - measured
     rng = np.random.default_rng(41)
@@ -62,8 +67,14 @@ def residual(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E42",
+    lines="Fig. 31, L1461-1466",
+    reported="thruster 1 highest, 10 second, 2e-5 apart; 1e-6 on average without a fault",
+    criterion="this order; the values by closed form",
+)
 def ratios(effort: Effort) -> Finding:
-    """E42."""
+    """Likelihood ratio of each thruster when thruster 1 dies."""
     detector = _detector()
     said = detector.update(FIRING, EFFECTIVENESS @ DELIVERED, 1.0)
     values = said.suspicion[0]
@@ -102,11 +113,11 @@ def ratios(effort: Effort) -> Finding:
                       for i in range(THRUSTERS)),
             ),
         ),
-        figure=lambda path: _draw(values, noise, path),
+        figure=lambda: _draw(values, noise),
     )  # fmt: skip
 
 
-def _draw(values: FloatArray, noise: FloatArray, path: Path) -> None:
+def _draw(values: FloatArray, noise: FloatArray) -> Figure:
     figure, (axis,) = panels(height=3.8)
     numbers = np.arange(1, THRUSTERS + 1)
     axis.bar(numbers, values, color=[ORANGE if one == DEAD else BLUE for one in numbers], width=0.7)
@@ -122,11 +133,17 @@ def _draw(values: FloatArray, noise: FloatArray, path: Path) -> None:
     axis.grid(axis="x", visible=False)
     axis.set(xlabel="thruster", ylabel="likelihood ratio")
     axis.set_title("Thruster 1 is dead; 10 pushes the same way and turns the other", loc="left")
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E43",
+    lines="section 6.4.3, L1466",
+    reported="99.9 %",
+    criterion="99.9 % or more after 1 s",
+)
 def isolation(effort: Effort) -> Finding:
-    """E43."""
+    """How often the dead thruster is named."""
     count = 10 * effort.samples
     rng = np.random.default_rng(43)
     rates = {}
@@ -167,8 +184,14 @@ def isolation(effort: Effort) -> Finding:
     )  # fmt: skip
 
 
+@reproduces(
+    "E44",
+    lines="Fig. 32, L1468-1473",
+    reported="stuck off has the minimum chi-squared (values not readable)",
+    criterion="the same; the values by closed form",
+)
 def comparison(effort: Effort) -> Finding:
-    """E44."""
+    """Model comparison when thruster 1 dies."""
     compare = ModelComparison(THRUSTERS, losses=LOSSES, openings=())
     columns = {}
     for duration in (1.0, PERIOD):
@@ -222,43 +245,3 @@ def comparison(effort: Effort) -> Finding:
 
 def _milli(values: FloatArray) -> str:
     return "[" + ", ".join(f"{1e3 * one + 0.0:.1f}" for one in values) + "]"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E41",
-        title="Measured and expected rate change when thruster 1 dies",
-        source="Yang 2003",
-        lines="Fig. 30, L1452-1459",
-        reported="measured significantly different from expected (values not readable)",
-        criterion="the sound firing turns nothing; what is missing is the column of thruster 1",
-        run=residual,
-    ),
-    Reproduction(
-        id="E42",
-        title="Likelihood ratio of each thruster when thruster 1 dies",
-        source="Yang 2003",
-        lines="Fig. 31, L1461-1466",
-        reported="thruster 1 highest, 10 second, 2e-5 apart; 1e-6 on average without a fault",
-        criterion="this order; the values by closed form",
-        run=ratios,
-    ),
-    Reproduction(
-        id="E43",
-        title="How often the dead thruster is named",
-        source="Yang 2003",
-        lines="section 6.4.3, L1466",
-        reported="99.9 %",
-        criterion="99.9 % or more after 1 s",
-        run=isolation,
-    ),
-    Reproduction(
-        id="E44",
-        title="Model comparison when thruster 1 dies",
-        source="Yang 2003",
-        lines="Fig. 32, L1468-1473",
-        reported="stuck off has the minimum chi-squared (values not readable)",
-        criterion="the same; the values by closed form",
-        run=comparison,
-    ),
-)

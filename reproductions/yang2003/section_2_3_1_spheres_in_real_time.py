@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import call_times, processor
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.spheres_loop import LOOP_PERIOD, SPHERES, regulate
 from thruster_baselines.mapping import CrudeMapper, LPMapper
 from thruster_envs.protocols import Mapper
@@ -17,8 +18,15 @@ SMALL_SHARE = 0.01  # of the loop's period: what "far below" means here
 AT_REST = 0.01  # m and rad
 
 
+@reproduces(
+    "E04",
+    lines="L445",
+    reported="done within 50 ms; in the place of the crude map without a change to the controller",
+    criterion="solves far below 50 ms, and none above; the same controller flies either map to rest",
+    alone=True,
+)
 def in_real_time(effort: Effort) -> Finding:
-    """E04."""
+    """The mapper in SPHERES' loop at 20 Hz."""
     mappers: dict[str, Mapper] = {
         "linear program": LPMapper(SPHERES, max_on_time=LOOP_PERIOD),
         "crude map": CrudeMapper(SPHERES, max_on_time=LOOP_PERIOD),
@@ -80,17 +88,3 @@ def in_real_time(effort: Effort) -> Finding:
             ),
         ),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E04",
-        title="The mapper in SPHERES' loop at 20 Hz",
-        source="Yang 2003",
-        lines="L445",
-        reported="done within 50 ms; in the place of the crude map without a change to the controller",
-        criterion="solves far below 50 ms, and none above; the same controller flies either map to rest",
-        run=in_real_time,
-        alone=True,
-    ),
-)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import call_times, processor
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.operations import count
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.spacecraft import load
@@ -20,8 +21,15 @@ TABLE_2_OPERATIONS, TABLE_2_SECONDS = 2_200.0, 0.0122
 SEED = 3
 
 
+@reproduces(
+    "E03",
+    lines="L604",
+    reported="less than 0.01 s on average",
+    criterion="less than 0.01 s here, on average and for 99 % of the commands",
+    alone=True,
+)
 def solve_time(effort: Effort) -> Finding:
-    """E03."""
+    """Time of a single solve."""
     mapper, reach = LPMapper("orion"), load("orion").authority()
     commands = np.random.default_rng(SEED).uniform(-0.15, 0.15, (effort.samples, 6)) * reach
     times = call_times(mapper, commands)
@@ -77,17 +85,3 @@ def solve_time(effort: Effort) -> Finding:
             ),
         ),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E03",
-        title="Time of a single solve",
-        source="Yang 2003",
-        lines="L604",
-        reported="less than 0.01 s on average",
-        criterion="less than 0.01 s here, on average and for 99 % of the commands",
-        run=solve_time,
-        alone=True,
-    ),
-)

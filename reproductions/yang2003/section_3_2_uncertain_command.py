@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import AttitudeUncertainty, LPMapper, RobustCommandMapper
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
@@ -64,21 +64,13 @@ KINDS: dict[str, Ends] = {
 
 @dataclass(frozen=True)
 class Misses:
-    """Of one kind of interval, in shares of authority summed over axes.
+    """Of one kind of interval, in shares of authority summed over axes."""
 
-    Attributes:
-        plain: (count,), what the linear program missed of the true command.
-        robust: (count,), what the robust one did.
-        worst_plain: (count,), the most that it could have missed.
-        worst_robust: (count,), likewise.
-        same: (count,), whether both fired alike.
-    """
-
-    plain: FloatArray
-    robust: FloatArray
-    worst_plain: FloatArray
-    worst_robust: FloatArray
-    same: NDArray[np.bool_]
+    plain: FloatArray  # (count,), what the linear program missed of the true command
+    robust: FloatArray  # (count,), what the robust one did
+    worst_plain: FloatArray  # (count,), the most that it could have missed
+    worst_robust: FloatArray  # (count,), likewise
+    same: NDArray[np.bool_]  # (count,), whether both fired alike
 
     @property
     def nearer(self) -> NDArray[np.bool_]:
@@ -96,8 +88,17 @@ class Misses:
         return float(1.0 - self.worst_robust.mean() / self.worst_plain.mean())
 
 
+@reproduces(
+    "E16",
+    lines="L689, L855",
+    reported="on average 20 % nearer to the true command; with symmetric errors the plain solution",
+    criterion=(
+        "nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
+        "case; the same on-times for symmetric ones"
+    ),
+)
 def skewed(effort: Effort) -> Finding:
-    """E16."""
+    """Robust program for an uncertain command: gain with skewed errors."""
     found = {name: misses(kind, effort.samples) for name, kind in KINDS.items()}
     usual, half, none = (found[name] for name in ("both ends independent", "half skewed", "symmetric"))
     difference = usual.plain - usual.robust
@@ -147,12 +148,18 @@ def skewed(effort: Effort) -> Finding:
                 ),
             ),
         ),
-        figure=lambda path: draw(path, effort.samples),
+        figure=lambda: draw(effort.samples),
     )
 
 
+@reproduces(
+    "E17",
+    lines="L691-752",
+    reported="the robust solution is the plain one, and the worst miss is the largest error",
+    criterion="equal on-times, and a worst miss of half the interval, for random commands and intervals",
+)
 def symmetric(effort: Effort) -> Finding:
-    """E17."""
+    """Symmetric errors of the command change nothing."""
     rng = np.random.default_rng(SEED + 1)
     commands = rng.uniform(-1.0, 1.0, (effort.samples, 6)) * AUTHORITY
     commands *= rng.choice([REACH, 1.0], (effort.samples, 1))  # some that can be met, some that cannot
@@ -246,11 +253,10 @@ def _size(miss: FloatArray) -> FloatArray:
     return total
 
 
-def draw(path: Path, count: int) -> None:
+def draw(count: int) -> None:
     """The gain against how skewed intervals are: closed forms, and random commands.
 
     Args:
-        path: Of the PNG.
         count: Commands for each point.
     """
     figure, (axes,) = panels(height=3.8)
@@ -271,29 +277,4 @@ def draw(path: Path, count: int) -> None:
         title="What the robust program gains by knowing the interval (lines: closed form)",
     )
     axes.legend(loc="upper left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E16",
-        title="Robust program for an uncertain command: gain with skewed errors",
-        source="Yang 2003",
-        lines="L689, L855",
-        reported="on average 20 % nearer to the true command; with symmetric errors the plain solution",
-        criterion=(
-            "nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
-            "case; the same on-times for symmetric ones"
-        ),
-        run=skewed,
-    ),
-    Reproduction(
-        id="E17",
-        title="Symmetric errors of the command change nothing",
-        source="Yang 2003",
-        lines="L691-752",
-        reported="the robust solution is the plain one, and the worst miss is the largest error",
-        criterion="equal on-times, and a worst miss of half the interval, for random commands and intervals",
-        run=symmetric,
-    ),
-)
+    return figure

@@ -14,7 +14,8 @@ from typing import cast
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper, RobustAllocation, RobustEffectivenessMapper
 from thruster_baselines.mapping.model import LostDirectionsWarning
 from thruster_envs.protocols import FloatArray
@@ -28,8 +29,14 @@ PRINTED_WORST_LOWER = np.array([[-0.9, -0.9], [0.9, -0.9], [-0.9, -0.9]])
 EXACT = 1e-9
 
 
+@reproduces(
+    "E18",
+    lines="L782-804",
+    reported="the matrix of the program for errors of 10 %, and its worst cases",
+    criterion="the printed matrix from its definition; one solution by mapper and by HiGHS",
+)
 def worked_example(effort: Effort) -> Finding:
-    """E18."""
+    """Robust program for uncertain thrusters, worked example."""
     corners = [
         EFFECTIVENESS * (1.0 + ERROR * np.array(signs)) for signs in itertools.product((-1.0, 1.0), repeat=2)
     ]
@@ -105,16 +112,3 @@ def by_highs(upper: FloatArray, lower: FloatArray) -> tuple[FloatArray, FloatArr
 
 def _listed(values: FloatArray) -> str:
     return f"[{', '.join(f'{one:.4g}' for one in values)}]"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E18",
-        title="Robust program for uncertain thrusters, worked example",
-        source="Yang 2003",
-        lines="L782-804",
-        reported="the matrix of the program for errors of 10 %, and its worst cases",
-        criterion="the printed matrix from its definition; one solution by mapper and by HiGHS",
-        run=worked_example,
-    ),
-)

@@ -9,14 +9,13 @@ towards the centre of mass changes the torque as a weaker thrust does, and only 
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.ticker import LogLocator
 from scipy.stats import chi2
 
-from reproductions.figures import BLUE, INK, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.estimation import CalibrationSweep
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
@@ -33,8 +32,17 @@ _THREE_OF_5_S = (len(PULSES) - 1) * len(REPETITIONS) + 1  # that sweep, among al
 THRUST_ERROR = 0.02  # one sigma of each thruster's own thrust, in the sweeps that test the covariance
 
 
+@reproduces(
+    "E51",
+    lines="section 5.2.1, L1058",
+    reported="announced for chapter 6, not shown",
+    criterion=(
+        "errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % of "
+        "thrusters at one false alarm in 1,000"
+    ),
+)
 def misalignment(effort: Effort) -> Finding:
-    """E51."""
+    """Calibration sweep for initial misalignment."""
     rng = np.random.default_rng(51)
     sweeps = max(4, int(SWEEPS_PER_EFFORT * effort.samples))
     deviations = [
@@ -98,7 +106,7 @@ def misalignment(effort: Effort) -> Finding:
                 tuple((f"{angle:g}", _rate(count, trials)) for angle, count in flagged.items()),
             ),
         ),
-        figure=lambda path: _draw(path, deviations),
+        figure=lambda: _draw(deviations),
     )
 
 
@@ -172,7 +180,7 @@ def _rate(count: int, trials: int) -> str:
     return f"{100.0 * count / trials:.2f} ({100.0 * low:.2f} to {100.0 * high:.2f})"
 
 
-def _draw(path: Path, deviations: list[tuple[float, int, float, float]]) -> None:
+def _draw(deviations: list[tuple[float, int, float, float]]) -> None:
     figure, (left, right) = panels(2)
     for panel, column, label, scale in ((left, 2, "thrust, %", 100.0), (right, 3, "tilt, degrees", 1.0)):
         for pulse, style in zip(PULSES, ("o:", "o--", "o-"), strict=True):
@@ -186,20 +194,4 @@ def _draw(path: Path, deviations: list[tuple[float, int, float, float]]) -> None
         panel.yaxis.set_major_formatter("{x:g}")
         panel.minorticks_off()
     left.legend(title="pulse", labelcolor=INK)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E51",
-        title="Calibration sweep for initial misalignment",
-        source="Yang 2003",
-        lines="section 5.2.1, L1058",
-        reported="announced for chapter 6, not shown",
-        criterion=(
-            "errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % of "
-            "thrusters at one false alarm in 1,000"
-        ),
-        run=misalignment,
-    ),
-)
+    return figure

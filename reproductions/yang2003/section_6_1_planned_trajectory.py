@@ -9,12 +9,11 @@ two impulses would take, in closed form.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import fly
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
@@ -29,8 +28,17 @@ AXES = ("radial", "along-track", "cross-track")
 REACHED = 1e-3  # m and mm/s
 
 
+@reproduces(
+    "E30",
+    lines="L1288-1293, L1349-1353, L1438",
+    reported=(
+        "least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
+        "10, 12; full power on both axes for 10 to 15 periods"
+    ),
+    criterion="all of that, at rest on the target, within 2 % of the delta-v of two impulses",
+)
 def planned(effort: Effort) -> Finding:
-    """E30."""
+    """The planned rendezvous (Fig. 20)."""
     flight = fly()
     (_, plan) = flight.plans[0]
     first = flight.on_times[0]
@@ -122,7 +130,7 @@ def _burns(changes: FloatArray) -> list[tuple[int, int, float]]:
     ]
 
 
-def _draw(path: Path) -> None:
+def _draw() -> Figure:
     """The path in the orbital plane, after Fig. 20, and the rate changes over time."""
     flight = fly()
     figure, (left, right) = panels(2, height=3.7)
@@ -138,20 +146,4 @@ def _draw(path: Path) -> None:
     )
     right.set(xlabel="time, min", ylabel="rate change per period, mm/s", title="Bang, off, bang")
     right.legend(loc="center", bbox_to_anchor=(0.38, 0.5), fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E30",
-        title="The planned rendezvous (Fig. 20)",
-        source="Yang 2003",
-        lines="L1288-1293, L1349-1353, L1438",
-        reported=(
-            "least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
-            "10, 12; full power on both axes for 10 to 15 periods"
-        ),
-        criterion="all of that, at rest on the target, within 2 % of the delta-v of two impulses",
-        run=planned,
-    ),
-)
+    return figure

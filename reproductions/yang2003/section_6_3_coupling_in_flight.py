@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.guidance import RendezvousPlan, RendezvousPlanner, force_response, transition_matrix
 from thruster_baselines.mapping import AdditiveCompensationMapper, LPMapper, delivered_on_times
 from thruster_envs.protocols import FloatArray
@@ -40,25 +40,23 @@ REPORTED_LOSS_OF_TWO = 0.12
 
 @dataclass(frozen=True)
 class Followed:
-    """What came of on-times that were fired to the end.
+    """What came of on-times that were fired to the end."""
 
-    Attributes:
-        miss: Distance from the target, m.
-        speed: m/s.
-        firing_time: Thruster-seconds.
-        longest: The longest on-time, s.
-        lost_by: Largest share of thrust lost in a period, by how many thrusters it uses.
-    """
-
-    miss: float
-    speed: float
-    firing_time: float
-    longest: float
-    lost_by: dict[int, float]
+    miss: float  # distance from the target, m
+    speed: float  # m/s
+    firing_time: float  # thruster-seconds
+    longest: float  # the longest on-time, s
+    lost_by: dict[int, float]  # largest share of thrust lost in a period, by how many thrusters it uses
 
 
+@reproduces(
+    "E31",
+    lines="L1359-1364",
+    reported="the actual trajectory is completely different from the planned one",
+    criterion="the craft ends farther from the target than it began",
+)
 def no_compensation(effort: Effort) -> Finding:
-    """E31."""
+    """A rendezvous flown open loop with the coupling loss left alone (Fig. 22)."""
     on_times = plan_on_times(SHARE)
     end, coarse = followed(on_times), followed(on_times, as_if_together=True)
     uneven = sum(np.ptp(one[one > 0.0]) > 1e-9 for one in on_times if one.any())
@@ -79,8 +77,17 @@ def no_compensation(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E32",
+    lines="L1364-1369",
+    reported=(
+        "arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last two "
+        "firings"
+    ),
+    criterion="15 to 17 % longer; 18 % lost with four thrusters open; arrives",
+)
 def with_method_2(effort: Effort) -> Finding:
-    """E32."""
+    """The same with method II (Fig. 23)."""
     plain = followed(plan_on_times(SHARE))
     flights = {
         "no compensation": plain,
@@ -199,7 +206,7 @@ def _states(delivered: FloatArray) -> FloatArray:
     return np.array(states)
 
 
-def _draw(path: Path) -> None:
+def _draw() -> Figure:
     """The paths in the orbital plane, after Fig. 22 and Fig. 23 of the source."""
     figure, (panel,) = panels(height=3.6)
     plain = plan_on_times(SHARE)
@@ -228,29 +235,4 @@ def _draw(path: Path) -> None:
     panel.annotate("start", (START[1], START[0]), (6, 0), textcoords="offset points")
     panel.set(xlabel="along-track, m", ylabel="radial, m", aspect="equal")
     panel.legend(loc="lower left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E31",
-        title="A rendezvous flown open loop with the coupling loss left alone (Fig. 22)",
-        source="Yang 2003",
-        lines="L1359-1364",
-        reported="the actual trajectory is completely different from the planned one",
-        criterion="the craft ends farther from the target than it began",
-        run=no_compensation,
-    ),
-    Reproduction(
-        id="E32",
-        title="The same with method II (Fig. 23)",
-        source="Yang 2003",
-        lines="L1364-1369",
-        reported=(
-            "arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last two "
-            "firings"
-        ),
-        criterion="15 to 17 % longer; 18 % lost with four thrusters open; arrives",
-        run=with_method_2,
-    ),
-)
+    return figure

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper, delivered_rate_change
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import load
@@ -22,8 +23,14 @@ PRINTED_RATE_CHANGE = np.array([-0.002214, -0.02214, 0.0, 0.0, 0.0, 0.0])
 ROUND_OFF = 1e-12
 
 
+@reproduces(
+    "E20",
+    lines="L1347-1353",
+    reported="4.5 s on thrusters 1, 6, 10, 12",
+    criterion="the on-times reported, exactly; no other optimum; 18 thruster-seconds",
+)
 def on_times(effort: Effort) -> Finding:
-    """E20."""
+    """On-times of the first rate change of Orion's rendezvous."""
     allocation = LPMapper(ORION)(COMMAND)
     fired, firing_time = allocation.on_times, float(allocation.on_times.sum())
     least, most = range_of_optima(firing_time)
@@ -52,8 +59,14 @@ def on_times(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E21",
+    lines="L1355-1357",
+    reported="18 % lost with four open; [-0.002214, -0.02214, 0, 0, 0, 0]",
+    criterion="0.82 of the command on x and on y, nothing on the other axes",
+)
 def coupling_loss(effort: Effort) -> Finding:
-    """E21."""
+    """What the coupling loss leaves of it."""
     fired = LPMapper(ORION)(COMMAND).on_times
     effectiveness = ORION.effectiveness()
     delivered = delivered_rate_change(effectiveness, fired, ORION.feed.coupling)
@@ -98,25 +111,3 @@ def _named(fired: FloatArray) -> str:
         for time in times
     ]
     return "; ".join(groups)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E20",
-        title="On-times of the first rate change of Orion's rendezvous",
-        source="Yang 2003",
-        lines="L1347-1353",
-        reported="4.5 s on thrusters 1, 6, 10, 12",
-        criterion="the on-times reported, exactly; no other optimum; 18 thruster-seconds",
-        run=on_times,
-    ),
-    Reproduction(
-        id="E21",
-        title="What the coupling loss leaves of it",
-        source="Yang 2003",
-        lines="L1355-1357",
-        reported="18 % lost with four open; [-0.002214, -0.02214, 0, 0, 0, 0]",
-        criterion="0.82 of the command on x and on y, nothing on the other axes",
-        run=coupling_loss,
-    ),
-)

@@ -10,14 +10,14 @@ The source speaks of one loss. What two losses take away is ours.
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, RED, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, RED, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import load
@@ -28,8 +28,14 @@ DIRECTIONS = np.vstack([np.eye(6), -np.eye(6)])
 NAMES = tuple(f"{sign}{axis}" for sign in "+-" for axis in ("x", "y", "z", "x-rot", "y-rot", "z-rot"))
 
 
+@reproduces(
+    "E22",
+    lines="L1345",
+    reported="full control in six degrees of freedom after the loss of any one thruster",
+    criterion="some authority left in all 12 signed directions after each of the 12 losses",
+)
 def redundancy(effort: Effort) -> Finding:
-    """E22."""
+    """Orion's redundancy: any one thruster lost."""
     count = len(ORION.thrusters)
     healthy = authority(())
     left = np.array([authority((i,)) for i in range(count)])
@@ -70,7 +76,7 @@ def redundancy(effort: Effort) -> Finding:
                 ),
             ),
         ),
-        figure=lambda path: draw(path, shares),
+        figure=lambda: draw(shares),
     )
 
 
@@ -105,11 +111,10 @@ def _without(lost: tuple[int, ...]) -> FloatArray:
     return working
 
 
-def draw(path: Path, shares: FloatArray) -> None:
+def draw(shares: FloatArray) -> None:
     """What is left of each direction after each loss, in %.
 
     Args:
-        path: Of the PNG.
         shares: (12, 12): lost thruster, direction.
     """
     figure, (axes,) = panels(height=4.4)
@@ -132,17 +137,4 @@ def draw(path: Path, shares: FloatArray) -> None:
         title="What Orion has left of each direction when one thruster is lost, % of healthy",
     )
     axes.tick_params(length=0)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E22",
-        title="Orion's redundancy: any one thruster lost",
-        source="Yang 2003",
-        lines="L1345",
-        reported="full control in six degrees of freedom after the loss of any one thruster",
-        criterion="some authority left in all 12 signed directions after each of the 12 losses",
-        run=redundancy,
-    ),
-)
+    return figure

@@ -23,13 +23,13 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, SHARE, plan
 from thruster_baselines.mapping import (
     AttitudeUncertainty,
@@ -58,19 +58,12 @@ Rows = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Beside:
-    """The plain program beside the best of all on-times.
+    """The plain program beside the best of all on-times."""
 
-    Attributes:
-        plain: (commands,), largest error of its on-times.
-        robust: (commands,), of the robust program's.
-        best: (commands,), the least largest error.
-        apart: Largest difference of on-times between the plain and the robust program, s.
-    """
-
-    plain: FloatArray
-    robust: FloatArray
-    best: FloatArray
-    apart: float
+    plain: FloatArray  # (commands,), largest error of its on-times
+    robust: FloatArray  # (commands,), of the robust program's
+    best: FloatArray  # (commands,), the least largest error
+    apart: float  # largest difference of on-times between the plain and the robust program, s
 
     def before(self, count: int) -> Beside:
         """Of so many first commands."""
@@ -91,8 +84,14 @@ class Beside:
         return float((self.plain / self.best).max() - 1.0)
 
 
+@reproduces(
+    "E33",
+    lines="L1371-1381",
+    reported="the plain mapping is the one that minimises the largest possible error",
+    criterion="the robust program fires alike; by another solver, nothing has a smaller largest error",
+)
 def attitude(effort: Effort) -> Finding:
-    """E33."""
+    """Attitude errors of one degree leave the plain linear program the robust optimum."""
     commands, planned = _commands(effort.samples)
     robust = RobustCommandMapper(
         ORION, attitude=AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
@@ -120,8 +119,14 @@ def attitude(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E34",
+    lines="L1383",
+    reported="the plain mapping is the one that minimises the largest possible error",
+    criterion="by another solver, nothing has a smaller largest error",
+)
 def scatter(effort: Effort) -> Finding:
-    """E34."""
+    """So does thrust that scatters by 10 %."""
     commands, planned = _commands(effort.samples)
     found = {
         (size, measure): _beside(
@@ -160,11 +165,10 @@ def scatter(effort: Effort) -> Finding:
             else ""
         ),
         note=(
-            "Taken by axis, what a second of firing adds to the largest error is the same share of "
-            "authority for each of Orion's thrusters, so that least firing is least error, until it is "
-            "better to leave a part of a command than to serve it with such thrusters. Together, errors of "
-            "a thruster on its axes may cancel with those of another, and which thrusters serve a command "
-            "makes a difference."
+            "Taken by axis, what a second of firing adds to the largest error is the same share of authority "
+            "for each of Orion's thrusters, so that least firing is least error, until it is better to leave "
+            "a part of a command than to serve it with such thrusters. Together, errors of a thruster on its "
+            "axes may cancel with those of another, and which thrusters serve a command makes a difference."
         ),
         data={f"{size:g}, {measure}": _data(one) for (size, measure), one in found.items()},
         tables=(
@@ -265,7 +269,7 @@ def _data(beside: Beside) -> dict[str, object]:
     }
 
 
-def _draw(path: Path, found: dict[tuple[float, str], Beside]) -> None:
+def _draw(found: dict[tuple[float, str], Beside]) -> None:
     """By how much larger the largest error is than it need be, against the scatter."""
     figure, both = panels(2, height=3.5)
     for axes, measure in zip(both, (BY_AXIS, TOGETHER), strict=True):
@@ -294,26 +298,4 @@ def _draw(path: Path, found: dict[tuple[float, str], Beside]) -> None:
             title=f"Errors of axes {'apart' if measure == BY_AXIS else measure}",
         )
         axes.legend(loc="upper left", bbox_to_anchor=(0.1, 1.0), fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E33",
-        title="Attitude errors of one degree leave the plain linear program the robust optimum",
-        source="Yang 2003",
-        lines="L1371-1381",
-        reported="the plain mapping is the one that minimises the largest possible error",
-        criterion="the robust program fires alike; by another solver, nothing has a smaller largest error",
-        run=attitude,
-    ),
-    Reproduction(
-        id="E34",
-        title="So does thrust that scatters by 10 %",
-        source="Yang 2003",
-        lines="L1383",
-        reported="the plain mapping is the one that minimises the largest possible error",
-        criterion="by another solver, nothing has a smaller largest error",
-        run=scatter,
-    ),
-)
+    return figure

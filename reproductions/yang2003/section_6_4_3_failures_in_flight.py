@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, ORANGE, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import LOST, Flight, fly
 from reproductions.yang2003.fault_mission_attitude import FLOWN_BY, AttitudeFlights, fly_with_attitude
@@ -41,8 +41,14 @@ FEW = 10  # with fewer flights of the effort than this, they only show that all 
 SHORT = 0.02  # orbits
 
 
+@reproduces(
+    "E39",
+    lines="L1438-1443",
+    reported="at the end of half an orbit the craft is farther from the target than at the start",
+    criterion="the same",
+)
 def undetected(effort: Effort) -> Finding:
-    """E39."""
+    """A dead thruster that nobody notices (Fig. 28)."""
     healthy, flown = fly(), fly(LOST)
     turning = float(np.linalg.norm(flown.rate))
     return Finding(
@@ -67,8 +73,14 @@ def undetected(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E40",
+    lines="L1445-1450",
+    reported="planned anew at 25 m from the plan: over five times; ends close to the target; costs fuel",
+    criterion="ends within 25 m; more delta-v than with the failure known; the number of plans",
+)
 def feedback(effort: Effort) -> Finding:
-    """E40."""
+    """Feedback without diagnosis (Fig. 29)."""
     blind, told = fly(LOST), fly(LOST, told=True)
     usual = fly(LOST, deviation=DEVIATION)
     flights = {
@@ -128,8 +140,14 @@ def feedback(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E45",
+    lines="L1452-1478",
+    reported="isolated and identified after the first second; the rendezvous succeeds",
+    criterion="the same",
+)
 def diagnosed(effort: Effort) -> Finding:
-    """E45."""
+    """The failure diagnosed and the plan made anew (Fig. 33)."""
     flight, told = fly(LOST, diagnosis=True), fly(LOST, told=True)
     (failure,) = LOST
     named = [(one.thruster, one.kind) for one in flight.found]
@@ -177,8 +195,14 @@ def diagnosed(effort: Effort) -> Finding:
     )
 
 
+@reproduces(
+    "E46",
+    lines="L1478-1481",
+    reported="diagnosis saves fuel compared with planning anew several times; no figure",
+    criterion="less commanded delta-v; and what it is with attitude simulated",
+)
 def fuel(effort: Effort) -> Finding:
-    """E46."""
+    """Fuel with diagnosis and without (Fig. 34)."""
     flights = {
         "as built": fly(),
         "not noticed": fly(LOST),
@@ -327,9 +351,7 @@ def _rate(success: FloatArray) -> str:
     return f"{100.0 * success.mean():.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
 
 
-def _draw_fuel(
-    path: Path, flights: Mapping[str, Flight], with_attitude: Mapping[str, AttitudeFlights]
-) -> None:
+def _draw_fuel(flights: Mapping[str, Flight], with_attitude: Mapping[str, AttitudeFlights]) -> None:
     """Commanded delta-v as the source has it (Fig. 34), and propellant with attitude simulated."""
     figure, (left, right) = panels(2, height=3.9)
     spent(left, {name: one for name, one in flights.items() if name != "as built"})
@@ -350,44 +372,4 @@ def _draw_fuel(
         xlim=(0.0, None),
     )
     right.legend(loc="lower right", fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E39",
-        title="A dead thruster that nobody notices (Fig. 28)",
-        source="Yang 2003",
-        lines="L1438-1443",
-        reported="at the end of half an orbit the craft is farther from the target than at the start",
-        criterion="the same",
-        run=undetected,
-    ),
-    Reproduction(
-        id="E40",
-        title="Feedback without diagnosis (Fig. 29)",
-        source="Yang 2003",
-        lines="L1445-1450",
-        reported="planned anew at 25 m from the plan: over five times; ends close to the target; costs fuel",
-        criterion="ends within 25 m; more delta-v than with the failure known; the number of plans",
-        run=feedback,
-    ),
-    Reproduction(
-        id="E45",
-        title="The failure diagnosed and the plan made anew (Fig. 33)",
-        source="Yang 2003",
-        lines="L1452-1478",
-        reported="isolated and identified after the first second; the rendezvous succeeds",
-        criterion="the same",
-        run=diagnosed,
-    ),
-    Reproduction(
-        id="E46",
-        title="Fuel with diagnosis and without (Fig. 34)",
-        source="Yang 2003",
-        lines="L1478-1481",
-        reported="diagnosis saves fuel compared with planning anew several times; no figure",
-        criterion="less commanded delta-v; and what it is with attitude simulated",
-        run=fuel,
-    ),
-)
+    return figure

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     CONFIDENCE,
     EFFECTIVENESS,
@@ -34,8 +35,14 @@ LEVEL = 0.2  # between models of a loss
 WITHIN, WATCHED = 5, 10  # iterations
 
 
+@reproduces(
+    "E49",
+    lines="chapter 7, L1578",
+    reported="unexpected faults routinely identified and corrected within five iterations",
+    criterion="nearly all named and corrected within five firings that are long enough",
+)
 def five_iterations(effort: Effort) -> Finding:
-    """E49."""
+    """Faults found and corrected within five iterations."""
     flights = flights_of(effort)
     found = {name: _chain(name, flights, seed) for seed, name in enumerate(FAULTS, start=49)}
     detected = {name: _within(one[0]) for name, one in found.items()}
@@ -136,16 +143,3 @@ def _within(iterations: IntArray) -> Rate:
 
 def _text(rate: Rate) -> str:
     return f"{rate.value:.2%} ({rate.low:.2%} to {rate.high:.2%})"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E49",
-        title="Faults found and corrected within five iterations",
-        source="Yang 2003",
-        lines="chapter 7, L1578",
-        reported="unexpected faults routinely identified and corrected within five iterations",
-        criterion="nearly all named and corrected within five firings that are long enough",
-        run=five_iterations,
-    ),
-)

@@ -7,14 +7,21 @@ is, as in E05; its readings and commands are used here.
 
 from __future__ import annotations
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.table_3_spheres_accuracy import CRUDE, accuracy, percent
 
 REPORTED = 0.15
 
 
+@reproduces(
+    "E50",
+    lines="L1578",
+    reported="the mapper improved performance by over 15 %",
+    criterion="as Table 3 (E05): over 15 % of the command with the crude map of the library",
+)
 def improvement(effort: Effort) -> Finding:
-    """E50."""
+    """The improvement on SPHERES in the conclusions."""
     table = accuracy(effort)
     means: dict[str, dict[str, float]] = table.data["mean_deviation"]
     gains = {
@@ -46,16 +53,3 @@ def improvement(effort: Effort) -> Finding:
             ),
         ),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E50",
-        title="The improvement on SPHERES in the conclusions",
-        source="Yang 2003",
-        lines="L1578",
-        reported="the mapper improved performance by over 15 %",
-        criterion="as Table 3 (E05): over 15 % of the command with the crude map of the library",
-        run=improvement,
-    ),
-)

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import call_times
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, commands
 from reproductions.yang2003.operations import count
 from thruster_baselines.mapping import LPMapper
@@ -116,8 +117,17 @@ def _longest(value: Array, change: Array) -> float:
     return float(min(1.0, np.min(-value[down] / change[down]))) if down.any() else 1.0
 
 
+@reproduces(
+    "E01",
+    lines="Table 2, L434-441",
+    reported="2,200 / 4,200 / 28,000 operations; 0.0122 / 0.0233 / 0.35 s at 200 MHz",
+    criterion=(
+        "operations about 1 : 1.9 : 12.7, and ours faster than a generic solver; times need not agree"
+    ),
+    alone=True,
+)
 def effort_of_a_solve(effort: Effort) -> Finding:
-    """E01."""
+    """Effort of a solve: simplex on a tableau, on an inverse basis, and a generic solver."""
     asked = commands("six axes", effort.samples)
     mapper = LPMapper("orion")
     counted = count(mapper, asked)
@@ -185,8 +195,14 @@ def _seconds(mapper: LPMapper, asked: Array) -> dict[str, float]:
     return {name: float(np.median(call_times(work, asked))) for name, work in works.items()}
 
 
+@reproduces(
+    "E02",
+    lines="section 2.2.5, L420",
+    reported="30 % of the computation time",
+    criterion="a saving of that order in operations, pivot for pivot",
+)
 def tableau_or_inverse(effort: Effort) -> Finding:
-    """E02."""
+    """What the tableau saves over an inverse of the basis."""
     mapper = LPMapper("orion")
     m, n = mapper.effectiveness.shape
     saved = {}
@@ -200,8 +216,7 @@ def tableau_or_inverse(effort: Effort) -> Finding:
         checks={"a fifth to a half is saved": min(saved.values()) > 0.2 and max(saved.values()) < 0.5},
         data=saved,
         note="Operations in place of time: the two differ in arithmetic alone, and our compiled tableau is "
-        "not "
-        "the source's program.",
+        "not the source's program.",
         tables=(
             Table(
                 "Operations that the tableau saves over an explicit inverse",
@@ -210,27 +225,3 @@ def tableau_or_inverse(effort: Effort) -> Finding:
             ),
         ),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E01",
-        title="Effort of a solve: simplex on a tableau, on an inverse basis, and a generic solver",
-        source="Yang 2003",
-        lines="Table 2, L434-441",
-        reported="2,200 / 4,200 / 28,000 operations; 0.0122 / 0.0233 / 0.35 s at 200 MHz",
-        criterion="operations about 1 : 1.9 : 12.7, and ours faster than a generic solver; times need not "
-        "agree",
-        run=effort_of_a_solve,
-        alone=True,
-    ),
-    Reproduction(
-        id="E02",
-        title="What the tableau saves over an inverse of the basis",
-        source="Yang 2003",
-        lines="section 2.2.5, L420",
-        reported="30 % of the computation time",
-        criterion="a saving of that order in operations, pivot for pivot",
-        run=tableau_or_inverse,
-    ),
-)

@@ -12,12 +12,12 @@ not shared, and all that help open for the same time, the one that comes nearest
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import INK, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import INK, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.spheres_loop import LOOP_PERIOD, SPHERES, regulate, relative_deviation
 from thruster_baselines.mapping import CrudeMapper, LPMapper
 from thruster_envs.protocols import FloatArray
@@ -31,8 +31,14 @@ AUTHORITY = SPHERES.authority(LOOP_PERIOD)
 KINDS = {"one axis": 1, "two axes": 2, "three axes": 3, "six axes": 6}
 
 
+@reproduces(
+    "E05",
+    lines="L445-451, Table 3",
+    reported="average deviation 0 % and 15.18 %",
+    criterion="the linear program exact on commands that can be met, the crude map not",
+)
 def accuracy(effort: Effort) -> Finding:
-    """E05."""
+    """Accuracy of the linear program and of SPHERES' crude map."""
     rng = np.random.default_rng(SEED)
     sets = {name: reachable_commands(rng, effort.samples, axes) for name, axes in KINDS.items()}
     flown = regulate(LPMapper(SPHERES, max_on_time=LOOP_PERIOD), effort.flights)
@@ -73,7 +79,7 @@ def accuracy(effort: Effort) -> Finding:
                 tuple((rule, *(percent(value) for value in line.values())) for rule, line in means.items()),
             ),
         ),
-        figure=lambda path: draw(path, means),
+        figure=lambda: draw(means),
     )
 
 
@@ -130,11 +136,10 @@ CRUDE = {"crude, shared": shared, "crude, not shared": not_shared, "crude, same 
 RULES = {"linear program": by_linear_program} | CRUDE
 
 
-def draw(path: Path, means: dict[str, dict[str, float]]) -> None:
+def draw(means: dict[str, dict[str, float]]) -> None:
     """Deviation by kind of command, a mark for each rule.
 
     Args:
-        path: Of the PNG.
         means: Rule, kind of command, mean deviation.
     """
     figure, (axes,) = panels(height=3.6)
@@ -157,17 +162,4 @@ def draw(path: Path, means: dict[str, dict[str, float]]) -> None:
     )
     axes.legend(loc="upper center", ncols=4, bbox_to_anchor=(0.5, 1.0), fontsize=9)
     axes.set_ylim(-3.0, 75.0)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E05",
-        title="Accuracy of the linear program and of SPHERES' crude map",
-        source="Yang 2003",
-        lines="L445-451, Table 3",
-        reported="average deviation 0 % and 15.18 %",
-        criterion="the linear program exact on commands that can be met, the crude map not",
-        run=accuracy,
-    ),
-)
+    return figure

@@ -26,13 +26,12 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels
 from reproductions.record import Effort, Finding, Reproduction, Table
 from thruster_baselines.mapping import LPMapper, RobustEffectivenessMapper
 from thruster_baselines.statistics import clopper_pearson
@@ -70,25 +69,15 @@ def _apart(least: float, most: float) -> Draw:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        what: The kind of errors.
-        least_entry: Of the matrix; entries are uniform from there to one.
-        size: Of the errors upward, as shares: (count, n).
-        symmetric: Whether they are as large downward; else that size is drawn too.
-        plain: Reported for the plain program, in %.
-        robust: Reported for the robust one, in %.
-        lines: Where.
-    """
-
-    what: str
-    least_entry: float
-    size: Draw
-    symmetric: bool
-    plain: int
-    robust: int
-    lines: str
+    what: str  # the kind of errors
+    least_entry: float  # of the matrix; entries are uniform from there to one
+    size: Draw  # of the errors upward, as shares: (count, n)
+    symmetric: bool  # whether they are as large downward; else that size is drawn too
+    plain: int  # Reported for the plain program, in %
+    robust: int  # Reported for the robust one, in %
+    lines: str  # where
 
 
 ROWS = {
@@ -102,17 +91,11 @@ ROWS = {
 
 @dataclass(frozen=True)
 class Correct:
-    """How often each program was correct.
+    """How often each program was correct."""
 
-    Attributes:
-        count: Problems.
-        of_candidates: (programs, measures, numbers of candidates), shares.
-        of_all: (programs, measures), compared with the best of all on-times.
-    """
-
-    count: int
-    of_candidates: FloatArray
-    of_all: FloatArray
+    count: int  # problems
+    of_candidates: FloatArray  # (programs, measures, numbers of candidates), shares
+    of_all: FloatArray  # (programs, measures), compared with the best of all on-times
 
     def both(self, program: str, measure: str) -> FloatArray:
         """The shares of one program by one measure: for each number of candidates, then for all on-times."""
@@ -374,11 +357,10 @@ def _with_interval(share: float, count: int) -> str:
     return f"{percent(share)} ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
-def draw(path: Path, found: Correct, row: Row) -> None:
+def draw(found: Correct, row: Row) -> None:
     """How often the plain and the robust program are correct, by measure and by what they are compared with.
 
     Args:
-        path: Of the PNG.
         found: What is drawn.
         row: With what was reported.
     """
@@ -395,7 +377,7 @@ def draw(path: Path, found: Correct, row: Row) -> None:
     both[0].set_ylabel("correct, %")
     both[1].legend(title="worst error", loc="lower left")
     figure.suptitle(f"Errors {row.what}", color=INK, fontsize=10.5)
-    save(figure, path)
+    return figure
 
 
 REPRODUCTIONS = tuple(

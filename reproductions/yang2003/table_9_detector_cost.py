@@ -12,8 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import processor
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     AXES,
     DETECTORS,
@@ -126,8 +127,15 @@ _TESTS: dict[str, Callable[[Counter, FloatArray, FloatArray], object]] = {
 }
 
 
+@reproduces(
+    "E27",
+    lines="Table 9, L1208-1222",
+    reported="1800.5 / 1794.5 / 1803.5 / 8202 operations; 9.0 / 9.0 / 9.0 / 41 ms on a Pentium",
+    criterion="a factor of about 4.6 from what the equations need; the times follow from the operations",
+    alone=True,
+)
 def detector_cost(effort: Effort) -> Finding:
-    """E27."""
+    """Operations and time of the detectors."""
     rng = np.random.default_rng(27)
     e, y = np.array(rng.normal(size=AXES)), np.diag(rng.uniform(1.0, 2.0, AXES))
     counts = {name: _count(test, e, y) for name, test in _TESTS.items()}
@@ -212,8 +220,14 @@ def filter_operations(fired: int) -> int:
     return counter.operations
 
 
+@reproduces(
+    "E29",
+    lines="section 4.2.4, L1004",
+    reported="over (6 n)^3 operations a step, with n idle thrusters",
+    criterion="more than that, for any number of idle thrusters",
+)
 def reduced_filter(effort: Effort) -> Finding:
-    """E29."""
+    """What a filter of the fired thrusters saves."""
     whole = filter_operations(THRUSTERS)
     saved = {idle: whole - filter_operations(THRUSTERS - idle) for idle in range(1, THRUSTERS)}
     bound = {idle: (AXES * idle) ** 3 for idle in saved}
@@ -263,26 +277,3 @@ def _approximation(updates: int) -> tuple[float, float]:
     return float(np.sqrt(np.mean((exact - reduced) ** 2))), float(
         np.sqrt(np.mean((exact - EFFECTIVENESS) ** 2))
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E27",
-        title="Operations and time of the detectors",
-        source="Yang 2003",
-        lines="Table 9, L1208-1222",
-        reported="1800.5 / 1794.5 / 1803.5 / 8202 operations; 9.0 / 9.0 / 9.0 / 41 ms on a Pentium",
-        criterion="a factor of about 4.6 from what the equations need; the times follow from the operations",
-        run=detector_cost,
-        alone=True,
-    ),
-    Reproduction(
-        id="E29",
-        title="What a filter of the fired thrusters saves",
-        source="Yang 2003",
-        lines="section 4.2.4, L1004",
-        reported="over (6 n)^3 operations a step, with n idle thrusters",
-        criterion="more than that, for any number of idle thrusters",
-        run=reduced_filter,
-    ),
-)
