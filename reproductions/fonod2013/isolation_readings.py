@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.approach_flights import NO_ERRORS
 from reproductions.fonod2013.isolation_study import (
     HEAD,
     Isolation,
@@ -26,6 +25,7 @@ from reproductions.fonod2013.isolation_study import (
 from reproductions.fonod2013.other_pilots import fixed_bias, minimum_fuel
 from reproductions.record import Effort, Finding, Table
 from thruster_baselines.control import ApproachSettings
+from thruster_baselines.detection.approach_flights import NO_ERRORS
 
 LABELS: dict[str, dict[str, Any]] = {
     "r(l), majority": {},

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
-from reproductions.fonod2013.approach_flights import fly
 from reproductions.record import Effort
+from thruster_baselines.detection.approach_flights import fly
 from thruster_baselines.detection.residuals import (
     BaseNavigationDetector,
     CorrelationDetector,

@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.fonod2013.approach_flights import Pilot
 from thruster_baselines.control import ApproachController, ApproachSettings
 from thruster_baselines.control.quaternions import rotation_matrix
+from thruster_baselines.detection.approach_flights import Pilot
 from thruster_baselines.detection.environment_flights import Policy
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray

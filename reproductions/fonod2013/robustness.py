@@ -19,9 +19,9 @@ from matplotlib.axes import Axes
 
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, fly
 from reproductions.fonod2013.isolation_study import OPEN, VEHICLE, Isolation, Make, correlation, watched
 from reproductions.record import Effort, Finding, Table
+from thruster_baselines.detection.approach_flights import HEALTHY_DURATION, fly
 from thruster_baselines.detection.flights import joined
 from thruster_baselines.detection.residuals import FusionDetector, SignatureDetector, margin_threshold, watch
 from thruster_baselines.statistics import clopper_pearson

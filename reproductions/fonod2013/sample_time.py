@@ -16,10 +16,10 @@ import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.approach_flights import fly
 from reproductions.fonod2013.isolation_study import OPEN, VEHICLE, calibrated
 from reproductions.record import Effort, Finding, Table
 from reproductions.timing import processor
+from thruster_baselines.detection.approach_flights import fly
 from thruster_baselines.detection.residuals import CorrelationDetector
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import VALIDATION

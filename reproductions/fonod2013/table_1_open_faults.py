@@ -15,9 +15,9 @@ import numpy as np
 
 from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, NO_ERRORS, fly
 from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
 from reproductions.record import Effort, Finding, Table
+from thruster_baselines.detection.approach_flights import HEALTHY_DURATION, NO_ERRORS, fly
 from thruster_baselines.detection.residuals import CorrelationDetector, Watched, watch
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.seeds import TEST

@@ -20,10 +20,10 @@ import numpy as np
 
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.approach_flights import NO_ERRORS, Pilot, fly
 from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
 from reproductions.fonod2013.other_pilots import law, stopping
 from reproductions.record import Effort, Finding, Table
+from thruster_baselines.detection.approach_flights import NO_ERRORS, Pilot, fly
 from thruster_baselines.detection.residuals import (
     NavigationFlights,
     NormThreshold,

@@ -136,8 +136,8 @@ def comparison(effort: Effort) -> Finding:
         ("measure", "source", *WAYS.values()),
         [
             (name, f"{LOW_LEVEL_PRINTED[name]:.2f} / {INTEGRATED_PRINTED[name]:.2f} %",
-             *(f"{_median(found[way, 'low level'], standard)} / {_median(found[way, 'integrated'], standard)} %"
-               for way in WAYS))
+             *(f"{_median(found[way, 'low level'], standard)} / "
+               f"{_median(found[way, 'integrated'], standard)} %" for way in WAYS))
             for name, standard in MEASURES.items()
         ],
     )  # fmt: skip

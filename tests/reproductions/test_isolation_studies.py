@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reproductions.fonod2013.approach_flights import NO_ERRORS, fly
 from reproductions.fonod2013.fig_3_time_histories import history
 from reproductions.fonod2013.impossible_decoupling import _independent_rows, _ratio_errors
 from reproductions.fonod2013.isolation_study import Isolation, correlation, watched
@@ -15,6 +14,7 @@ from reproductions.fonod2013.other_pilots import fixed_bias, law, minimum_fuel, 
 from reproductions.fonod2013.robustness import _median, _medians
 from reproductions.fonod2013.worth_of_the_delay_model import DESIGNS, _noise, _silent
 from thruster_baselines.control import ApproachController, ApproachSettings
+from thruster_baselines.detection.approach_flights import NO_ERRORS, fly
 from thruster_baselines.detection.residuals import (
     CorrelationDetector,
     ResidualGenerator,
