@@ -1,13 +1,10 @@
 """Appendix E of the source: two more failures in flight, each not noticed, planned anew, and diagnosed.
 
 Case one: thruster 1 gives half of its thrust from the first period on. Case two: thrusters 1 and 2 are dead
-from then on. The setting is the source's own (`reproductions.yang2003.fault_mission`). It draws the flights
-and gives no figures, but for when each failure of the second case was found.
-
-Thruster 2 acts across the orbit's plane and is in no firing of the plan as built: that it is dead shows only
-once it is told to fire. When that is hangs on which of several equally good firings the mapper takes, and on
-whether the rotation that the first period left is taken back at once, which is done in one of the flights
-here.
+from then on. The source draws the flights and gives no figures, but for when each failure of the second case
+was found. Thruster 2 is in no firing of the plan as built: that it is dead shows only once it is commanded,
+which depends on which of several equally good firings the mapper takes, and on whether the rotation that the
+first period left is taken back at once.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failure, Flight, fly
-from reproductions.yang2003.fault_mission_figure import draw_flights
+from reproductions.yang2003.fault_mission_report import COLUMNS, draw_flights, kept, table
 from reproductions.yang2003.section_6_4_3_failures_in_flight import ARRIVED, DEVIATION
 
 NOT_NOTICED, ANEW, DIAGNOSED, TOLD = "not noticed", "planned anew at 25 m", "diagnosed", "told as it happens"
@@ -36,6 +33,16 @@ def degraded(effort: Effort) -> Finding:
     """A thruster at half of its thrust (appendix E, case one)."""
     flights = _fly(DEGRADED)
     found = [(one.thruster, one.kind, one.share) for one in flights[DIAGNOSED].found]
+    earlier = beside_earlier(
+        {
+            "not noticed: final miss, m": (flights[NOT_NOTICED].miss, 278.0),
+            "planned anew: plans anew": (flights[ANEW].replans, 2),
+            "planned anew: final miss, m": (flights[ANEW].miss, 16.0),
+            "planned anew: commanded delta-v, m/s": (flights[ANEW].delta_v, 1.22),
+            "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.0684),
+            "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 419.7),
+        }
+    )
     return Finding(
         ours=_in_a_line(flights),
         checks={
@@ -47,21 +54,9 @@ def degraded(effort: Effort) -> Finding:
             "Without feedback the failure of E39, though it comes later, takes the craft "
             f"{fly(LOST).miss / flights[NOT_NOTICED].miss:.2f} times as far off."
         ),
-        data={name: _data(one) for name, one in flights.items()},
-        tables=(
-            _table(flights),
-            beside_earlier(
-                {
-                    "not noticed: final miss, m": (flights[NOT_NOTICED].miss, 278.0),
-                    "planned anew: plans anew": (flights[ANEW].replans, 2),
-                    "planned anew: final miss, m": (flights[ANEW].miss, 16.0),
-                    "planned anew: commanded delta-v, m/s": (flights[ANEW].delta_v, 1.22),
-                    "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.0684),
-                    "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 419.7),
-                }
-            ),
-        ),
-        figure=partial(draw_flights, flights=_drawn(flights)),
+        data={name: _kept(one) for name, one in flights.items()},
+        tables=(_table(flights), earlier),
+        figure=partial(draw_flights, _drawn(flights)),
     )
 
 
@@ -77,6 +72,12 @@ def two_dead(effort: Effort) -> Finding:
     steadied = flights[STEADIED] = fly(TWO_LOST, diagnosis=True, taken_back=1.0)
     first, second = steadied.found[0], steadied.found[-1]
     later = flights[DIAGNOSED].found[-1]
+    earlier = beside_earlier(
+        {
+            "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.1014),
+            "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 643.4),
+        }
+    )
     return Finding(
         ours=(
             f"{_in_a_line(flights)}; thruster {first.thruster} found in period {first.period}, "
@@ -110,17 +111,9 @@ def two_dead(effort: Effort) -> Finding:
             "rotation that thruster 1 left, and is found then. A second failure can only be found once it is "
             "told to fire."
         ),
-        data={name: _data(one) for name, one in flights.items()},
-        tables=(
-            _table(flights),
-            beside_earlier(
-                {
-                    "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.1014),
-                    "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 643.4),
-                }
-            ),
-        ),
-        figure=partial(draw_flights, flights=_drawn(flights)),
+        data={name: _kept(one) for name, one in flights.items()},
+        tables=(_table(flights), earlier),
+        figure=partial(draw_flights, _drawn(flights)),
     )
 
 
@@ -155,39 +148,18 @@ def _in_a_line(flights: Mapping[str, Flight]) -> str:
     )
 
 
-def _data(flight: Flight) -> dict[str, object]:
-    return {
-        "miss": flight.miss,
-        "plans_anew": flight.replans,
-        "commanded_delta_v": flight.delta_v,
-        "commanded_firing_time": flight.firing_time,
-        "propellant": flight.burnt,
-        "found": [vars(one) for one in flight.found],
-    }
+def _kept(flight: Flight) -> dict[str, object]:
+    return {name: value for name, value in kept(flight).items() if name != "speed"}
 
 
 def _table(flights: Mapping[str, Flight]) -> Table:
-    return Table(
-        "By Hill's equations, without attitude",
-        (
-            "pilot",
-            "found in period",
-            "final miss, m",
-            "plans anew",
-            "commanded delta-v, m/s",
-            "commanded firing, thruster-s",
-            "propellant, thruster-s",
+    found = {
+        "pilot": "{0}",
+        "found in period": lambda _, one: (
+            ", ".join(f"{found.period} (thruster {found.thruster})" for found in one.found) or "-"
         ),
-        tuple(
-            (
-                name,
-                ", ".join(f"{found.period} (thruster {found.thruster})" for found in one.found) or "-",
-                f"{one.miss:.1f}",
-                f"{one.replans}",
-                f"{one.delta_v:.3f}",
-                f"{one.firing_time:.1f}",
-                f"{one.burnt:.1f}",
-            )
-            for name, one in flights.items()
-        ),
+    }
+    return table(
+        flights,
+        found | {name: cell for name, cell in COLUMNS.items() if name not in ("pilot", "final speed, m/s")},
     )

@@ -1,18 +1,11 @@
 """The source's rendezvous with thrusters that fail, in its own setting, by pilots that know more or less.
 
-From 300 m above the target in half an orbit, by Hill's equations and nothing else: no attitude (the body is
-taken as aligned with LVLH however it would turn), no scatter, no noise. A plan is followed period by period,
-its rate changes mapped to on-times by the linear program. What a pilot does about a failure:
-
-- nothing: it follows the plan to the end;
-- feedback: it plans anew, with thrusters as built, when the craft is too far from where the plan has it;
-- told: it hears what failed as it fails, and plans anew with that;
-- diagnosis: once a second it asks the likelihood ratio test whether thrusters did what they were told,
-  compares models of how the one it names failed, and plans anew with what it then believes.
-
-The firing of the period in which a failure is found goes on to its end as it was commanded; the new plan
-begins with the next period. The filter is not asked in seconds without firing: the source's process noise
-would go on growing all the way through the coast, and with it what counts as expected.
+From 300 m above the target in half an orbit, by Hill's equations: no attitude, no scatter, no noise. A plan
+is followed period by period, its rate changes mapped to on-times by the linear program. A pilot does nothing
+about a failure; or plans anew, with thrusters as built, when the craft is too far from the plan; or knows
+what failed as it fails; or diagnoses once a second by the likelihood ratio test and a comparison of models,
+and plans anew with what it then believes. The firing of the period of the discovery goes on to its end. The
+filter is not asked in seconds without firing: the source's process noise would grow all through the coast.
 """
 
 from __future__ import annotations
@@ -191,14 +184,9 @@ def fly(
         if diagnosis and on_times[k].any():
             anew |= watch(k + 1, on_times[k], left)
     return Flight(
-        np.array(states),
-        rate_changes,
-        on_times,
-        delivered,
-        tuple(plans),
-        tuple(watch.found),
+        np.array(states), rate_changes, on_times, delivered, tuple(plans), tuple(watch.found),
         tuple(watch.seconds),
-    )
+    )  # fmt: skip
 
 
 def shares(failures: tuple[Failure, ...], period: int) -> FloatArray:
@@ -211,19 +199,13 @@ def shares(failures: tuple[Failure, ...], period: int) -> FloatArray:
 
 
 class _Watch:
-    """Detection, isolation and identification, once a second, with the source's noise and threshold.
-
-    Attributes:
-        believed: (m, n), of the thrusters, m/s^2 then rad/s^2.
-        found: So far.
-        seconds: So far.
-    """
+    """Detection, isolation and identification, once a second, with the source's noise and threshold."""
 
     def __init__(self, failures: tuple[Failure, ...]) -> None:
         self._detector = GLRDetector(ORION, SOURCE_THRESHOLD, coupling=0.0)
         self._comparison = ModelComparison(ORION, losses=LOSSES, coupling=0.0)
         self._failing_for = {one.thruster: 0 for one in failures}  # seconds of firing that showed it
-        self.believed = NOMINAL.copy()
+        self.believed = NOMINAL.copy()  # (m, n), m/s^2 then rad/s^2
         self.found: list[Found] = []
         self.seconds: list[Second] = []
 
@@ -243,14 +225,8 @@ class _Watch:
         diagnosis = self._detector.update(told, measured, SECOND)
         interval = self._detector.last
         assert interval is not None
-        self.seconds.append(
-            Second(
-                (period - 1) * PERIOD + number * SECOND,
-                measured - interval.residual[0],
-                measured,
-                diagnosis.suspicion[0],
-            )
-        )
+        time, expected = (period - 1) * PERIOD + number * SECOND, measured - interval.residual[0]
+        self.seconds.append(Second(time, expected, measured, diagnosis.suspicion[0]))
         if not diagnosis.detected[0]:
             return
         thruster = int(diagnosis.thruster[0])

@@ -50,15 +50,7 @@ def fly(
     settings: RendezvousSettings | None = None,
     orbits: float = 0.5,
 ) -> Flights:
-    """Fly one episode of `OrionRendezvous-v0` for each seed, healthy, with a controller for each.
-
-    Args:
-        spacecraft: That flies, and that the controller believes in.
-        make: Its mapper.
-        seeds: Of the episodes.
-        settings: Of the controller.
-        orbits: Time for the rendezvous.
-    """
+    """Fly one healthy episode of `OrionRendezvous-v0` for each seed, with a controller for each."""
     parts = [
         _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings, orbits)
         for first in range(0, len(seeds), _TOGETHER)

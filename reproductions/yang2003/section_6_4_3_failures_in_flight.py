@@ -2,32 +2,28 @@
 
 Thruster 1 is dead from the fifth period of the plan of chapter 6 on. The source takes it as half of the
 in-track authority in the text and of the radial one in Fig. 28; by its own table of thrusters it acts
-radially, and so it does here. The setting is the source's own (`reproductions.yang2003.fault_mission`):
-Hill's equations, no attitude.
-
-Without attitude the comparison of fuel flatters whoever does not diagnose: a thruster that is dead leaves its
-partner's torque, and the craft would tumble within seconds. E46 therefore also flies the failure in six
-degrees of freedom.
+radially, and so it does here. The setting is the source's own (`fault_mission`): Hill's equations, no
+attitude. That flatters whoever does not diagnose: a dead thruster leaves its partner's torque, and the craft
+would tumble within seconds. E46 therefore also flies the failure in six degrees of freedom.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, ORANGE, panels
+from reproductions.cells import share
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, Figure, panels, thin
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.earlier_computation import beside_earlier
-from reproductions.yang2003.fault_mission import LOST, Flight, fly
-from reproductions.yang2003.fault_mission_attitude import FLOWN_BY, AttitudeFlights, fly_with_attitude
-from reproductions.yang2003.fault_mission_figure import draw_flights, draw_second, spent
+from reproductions.yang2003.fault_flights import DeadThrusterFlights, fly_with_dead_thruster
+from reproductions.yang2003.fault_mission import LOST, Flight, Second, fly
+from reproductions.yang2003.fault_mission_report import draw_flights, kept, paths, spent, table
 from reproductions.yang2003.section_6_3_coupling_in_flight import COUPLING, PERIOD, START
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
-from thruster_baselines.statistics import clopper_pearson
-from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST
 
 DISTANCE = float(np.linalg.norm(START[:3]))
@@ -35,6 +31,7 @@ DEVIATION = 25.0  # m, L1445
 OTHER_DEVIATIONS = (10.0, 5.0)
 REPORTED_REPLANS = 5  # "over five"
 ARRIVED = 0.1  # m
+FLOWN_BY = ("oracle", "classical", "blind", "open loop")  # with attitude
 NEAR = DEVIATION  # m: what the feedback tolerates is what it may end off
 SHARE_OF_FLIGHTS = 0.1  # of the effort's, with each pilot in six degrees of freedom
 FEW = 10  # with fewer flights of the effort than this, they only show that all runs, and are short
@@ -69,7 +66,7 @@ def undetected(effort: Effort) -> Finding:
             "commanded_delta_v": flown.delta_v,
             "rate_at_the_end_if_not_held": flown.rate,
         },
-        figure=partial(draw_flights, flights={"as built": healthy, "thruster 1 dead, not noticed": flown}),
+        figure=partial(draw_flights, {"as built": healthy, "thruster 1 dead, not noticed": flown}),
     )
 
 
@@ -89,6 +86,17 @@ def feedback(effort: Effort) -> Finding:
         for deviation in (DEVIATION, *OTHER_DEVIATIONS)
     }
     counts = [one.replans for one in flights.values()]
+    counted = Table.of(
+        "Planned anew, not diagnosed",
+        [(*settings, one) for settings, one in flights.items()],
+        {
+            "planned anew at, m": "{0:g}",
+            "coupling loss": lambda _, coupling, __: f"{100.0 * coupling:g} %",
+            "plans anew": "{2.replans}",
+            "final miss, m": "{2.miss:.1f}",
+            "commanded delta-v, m/s": "{2.delta_v:.3f}",
+        },
+    )
     return Finding(
         ours=(
             f"{usual.replans} plans anew, {usual.miss:.1f} m off at the end, commanded delta-v "
@@ -109,34 +117,11 @@ def feedback(effort: Effort) -> Finding:
         ),
         note="With coupling loss, the mapper does not make up for it.",
         data={
-            f"{deviation:g} m, coupling {coupling:g}": _data(one)
+            f"{deviation:g} m, coupling {coupling:g}": kept(one)
             for (deviation, coupling), one in flights.items()
         },
-        tables=(
-            Table(
-                "Planned anew, not diagnosed",
-                (
-                    "planned anew at, m",
-                    "coupling loss",
-                    "plans anew",
-                    "final miss, m",
-                    "commanded delta-v, m/s",
-                ),
-                tuple(
-                    (
-                        f"{deviation:g}",
-                        f"{100.0 * coupling:g} %",
-                        f"{one.replans}",
-                        f"{one.miss:.1f}",
-                        f"{one.delta_v:.3f}",
-                    )
-                    for (deviation, coupling), one in flights.items()
-                ),
-            ),
-        ),
-        figure=partial(
-            draw_flights, flights={"not noticed": blind, f"planned anew at {DEVIATION:g} m": usual}
-        ),
+        tables=(counted,),
+        figure=partial(draw_flights, {"not noticed": blind, f"planned anew at {DEVIATION:g} m": usual}),
     )
 
 
@@ -154,7 +139,6 @@ def diagnosed(effort: Effort) -> Finding:
     first = flight.found[0]
     begin = (failure.period - 1) * PERIOD
     shown = [one for one in flight.seconds if one.time <= begin + 4.0 * PERIOD]
-    ratios = np.array([one.ratio for one in shown])
     at_once = next(one for one in flight.seconds if one.time > begin)
     return Finding(
         ours=(
@@ -179,19 +163,13 @@ def diagnosed(effort: Effort) -> Finding:
             "less and move more."
         ),
         data={
-            "diagnosed": _data(flight),
-            "told": _data(told),
+            "diagnosed": kept(flight),
+            "told": kept(told),
             "residual": at_once.measured - at_once.expected,
             "likelihood_ratio": at_once.ratio,
         },
-        tables=(_table({"diagnosed": flight, "told as it happens": told}),),
-        figure=partial(
-            draw_second,
-            flights={"as built": fly(), "diagnosed": flight},
-            ratios=ratios,
-            times=[one.time for one in shown],
-            threshold=SOURCE_THRESHOLD,
-        ),
+        tables=(table({"diagnosed": flight, "told as it happens": told}),),
+        figure=partial(_draw_ratios, {"as built": fly(), "diagnosed": flight}, shown),
     )
 
 
@@ -212,20 +190,39 @@ def fuel(effort: Effort) -> Finding:
     blind, knowing = flights["planned anew"], flights["diagnosed"]
     count = max(1, int(SHARE_OF_FLIGHTS * effort.flights))
     (failure,) = LOST
+    onset, orbits = (failure.period - 1) * PERIOD, 0.5 if effort.flights >= FEW else SHORT
     with_attitude = {
-        pilot: fly_with_attitude(
-            pilot,
-            TEST[:count],
-            failure.thruster,
-            (failure.period - 1) * PERIOD,
-            0.5 if effort.flights >= FEW else SHORT,
-        )
+        pilot: fly_with_dead_thruster(pilot, TEST[:count], failure.thruster, onset, orbits)
         for pilot in FLOWN_BY
     }
     saved = 1.0 - knowing.delta_v / blind.delta_v
     burnt = 1.0 - knowing.burnt / blind.burnt
     held = with_attitude["blind"], with_attitude["classical"]
     ratio = float(np.median(held[1].firing_time / held[0].firing_time))
+    earlier = beside_earlier(
+        {
+            "not noticed: final miss, m": (flights["not noticed"].miss, 359.0),
+            "planned anew: plans anew": (blind.replans, 4),
+            "planned anew: final miss, m": (blind.miss, 14.0),
+            "planned anew: commanded delta-v, m/s": (blind.delta_v, 1.64),
+            "planned anew: propellant, thruster-s": (blind.burnt, 438.0),
+            "diagnosed: commanded delta-v, m/s": (knowing.delta_v, 1.0859),
+            "diagnosed: commanded firing, thruster-s": (knowing.firing_time, 555.9),
+        }
+    )
+    attitude = Table.of(
+        "In six degrees of freedom, with scatter, noise and coupling loss (medians)",
+        with_attitude,
+        {
+            "pilot": "{0}",
+            "in the box, % (95 % interval)": lambda _, one: share(
+                one.success.sum(), one.success.size, ".0f", ""
+            ),
+            "lost, %": lambda _, one: f"{100.0 * one.lost.mean():.0f}",
+            "final miss, m": lambda _, one: f"{np.median(one.miss):.2f}",
+            "propellant, thruster-s": lambda _, one: f"{np.median(one.firing_time):.1f}",
+        },
+    )
     return Finding(
         ours=(
             f"commanded delta-v {blind.delta_v:.2f} to {knowing.delta_v:.2f} m/s, {100.0 * saved:.0f} % "
@@ -258,7 +255,7 @@ def fuel(effort: Effort) -> Finding:
             "times without attitude."
         ),
         data={
-            "hill": {name: _data(one) for name, one in flights.items()},
+            "hill": {name: kept(one) for name, one in flights.items()},
             "with_attitude": {
                 pilot: {
                     "flights": one.miss.size,
@@ -271,105 +268,44 @@ def fuel(effort: Effort) -> Finding:
             },
             "firing_time_of_classical_over_blind": ratio,
         },
-        tables=(
-            _table(flights),
-            beside_earlier(
-                {
-                    "not noticed: final miss, m": (flights["not noticed"].miss, 359.0),
-                    "planned anew: plans anew": (blind.replans, 4),
-                    "planned anew: final miss, m": (blind.miss, 14.0),
-                    "planned anew: commanded delta-v, m/s": (blind.delta_v, 1.64),
-                    "planned anew: propellant, thruster-s": (blind.burnt, 438.0),
-                    "diagnosed: commanded delta-v, m/s": (knowing.delta_v, 1.0859),
-                    "diagnosed: commanded firing, thruster-s": (knowing.firing_time, 555.9),
-                }
-            ),
-            _table_with_attitude(with_attitude),
-        ),
-        figure=partial(_draw_fuel, flights=flights, with_attitude=with_attitude),
+        tables=(table(flights), earlier, attitude),
+        figure=partial(_draw_fuel, flights, with_attitude),
     )
 
 
-def _data(flight: Flight) -> dict[str, object]:
-    return {
-        "miss": flight.miss,
-        "speed": flight.speed,
-        "plans_anew": flight.replans,
-        "commanded_delta_v": flight.delta_v,
-        "commanded_firing_time": flight.firing_time,
-        "propellant": flight.burnt,
-        "found": [vars(one) for one in flight.found],
-    }
+def _draw_ratios(flights: Mapping[str, Flight], seconds: Sequence[Second]) -> Figure:
+    """Paths with their plans, and the likelihood ratios of all thrusters in seconds of firing."""
+    figure, (left, right) = panels(2, height=3.9)
+    paths(left, flights)
+    ratios = np.array([one.ratio for one in seconds])
+    first, second = np.argsort(ratios.max(axis=0))[[-1, -2]]
+    for i, ratio in enumerate(ratios.T):
+        look: dict[str, object] = {"color": INK, "marker": ".", "markersize": 3.0}
+        if i == first:
+            look = {"color": RED, "marker": "o", "markersize": 5.0, "label": f"thruster {i + 1}"}
+        if i == second:
+            look = {"color": BLUE, "marker": "s", "markersize": 9.0, "label": f"thruster {i + 1}"}
+            look["fillstyle"] = "none"
+        right.plot([one.time for one in seconds], ratio, linestyle="none", **look)
+    right.axhline(SOURCE_THRESHOLD, color=INK, linestyle="--", linewidth=1.0, label="threshold")
+    right.set(xlabel="time, s", ylabel="likelihood ratio", title="Seen by the detector, second by second")
+    right.set(yscale="log", ylim=(1e-9, 1e-3), xlim=(0.0, None))
+    right.legend(loc="upper left", fontsize=8.5)
+    return figure
 
 
-def _table(flights: Mapping[str, Flight]) -> Table:
-    return Table(
-        "By Hill's equations, without attitude",
-        (
-            "pilot",
-            "final miss, m",
-            "final speed, m/s",
-            "plans anew",
-            "commanded delta-v, m/s",
-            "commanded firing, thruster-s",
-            "propellant, thruster-s",
-        ),
-        tuple(
-            (
-                name,
-                f"{one.miss:.1f}",
-                f"{one.speed:.3f}",
-                f"{one.replans}",
-                f"{one.delta_v:.3f}",
-                f"{one.firing_time:.1f}",
-                f"{one.burnt:.1f}",
-            )
-            for name, one in flights.items()
-        ),
-    )
-
-
-def _table_with_attitude(flights: Mapping[str, AttitudeFlights]) -> Table:
-    return Table(
-        "In six degrees of freedom, with scatter, noise and coupling loss (medians)",
-        ("pilot", "in the box, % (95 % interval)", "lost, %", "final miss, m", "propellant, thruster-s"),
-        tuple(
-            (
-                pilot,
-                _rate(one.success),
-                f"{100.0 * one.lost.mean():.0f}",
-                f"{np.median(one.miss):.2f}",
-                f"{np.median(one.firing_time):.1f}",
-            )
-            for pilot, one in flights.items()
-        ),
-    )
-
-
-def _rate(success: FloatArray) -> str:
-    low, high = clopper_pearson(int(success.sum()), success.size)
-    return f"{100.0 * success.mean():.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
-
-
-def _draw_fuel(flights: Mapping[str, Flight], with_attitude: Mapping[str, AttitudeFlights]) -> None:
+def _draw_fuel(flights: Mapping[str, Flight], with_attitude: Mapping[str, DeadThrusterFlights]) -> Figure:
     """Commanded delta-v as the source has it (Fig. 34), and propellant with attitude simulated."""
     figure, (left, right) = panels(2, height=3.9)
     spent(left, {name: one for name, one in flights.items() if name != "as built"})
     left.set(title="Without attitude, as the source flies")
     left.legend(loc="best", fontsize=8.5)
     names = {"blind": "planned anew", "classical": "diagnosed", "oracle": "told"}
-    for color, (pilot, name) in zip((BLUE, GREEN, ORANGE), names.items(), strict=True):
-        for number, line in enumerate(with_attitude[pilot].spent):
-            right.plot(
-                PERIOD / 60.0 * np.arange(line.size), line, color=color, linewidth=0.9, alpha=0.8,
-                label=name if number == 0 else None,
-            )  # fmt: skip
-    right.set(
-        xlabel="time, min",
-        ylabel="firing time, thruster-s",
-        title="In six degrees of freedom",
-        ylim=(0.0, None),
-        xlim=(0.0, None),
-    )
+    for colour, (pilot, name) in zip((BLUE, GREEN, ORANGE), names.items(), strict=True):
+        lines = with_attitude[pilot].spent
+        minutes = PERIOD / 60.0 * np.arange(lines.shape[1])
+        thin(right, minutes, lines, colour, name, linewidth=0.9, alpha=0.8)
+    right.set(xlabel="time, min", ylabel="firing time, thruster-s", title="In six degrees of freedom")
+    right.set(ylim=(0.0, None), xlim=(0.0, None))
     right.legend(loc="lower right", fontsize=8.5)
     return figure
