@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -54,10 +52,10 @@ def finite(value: float, form: str, otherwise: str = "never") -> str:
     return f"{value:{form}}" if np.isfinite(value) else otherwise
 
 
-def median(values: Sequence[float] | ArrayLike) -> float:
-    """The smallest time within which half of all have come, those that never come at the end; NaN of none."""
-    ordered = np.sort(np.asarray(values, dtype=np.float64))
-    return float(ordered[(ordered.size - 1) // 2]) if ordered.size else float("nan")
+def median(times: ArrayLike) -> float:
+    """The smallest time within which half of all have come; infinite for never, and of none."""
+    ordered = np.sort(np.asarray(times, dtype=np.float64))
+    return float(ordered[(ordered.size - 1) // 2]) if ordered.size else float("inf")
 
 
 def quantiles(values: ArrayLike) -> tuple[float, float, float]:

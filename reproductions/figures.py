@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "BLUE", "GREEN", "INK", "ORANGE", "PURPLE", "RED", "Figure", "annotate", "band", "bars", "dots", "grid",
-    "level", "look", "matrix", "octaves", "panels", "ranges", "save", "shared_legend", "thin",
+    "look", "matrix", "octaves", "panels", "ranges", "reference_line", "save", "shared_legend", "thin",
     "ticks",
 ]  # fmt: skip
 
@@ -91,7 +91,7 @@ def annotate(
     axes.annotate(text, at, offset, textcoords="offset points", **options)
 
 
-def level(axes: Axes, value: float, text: str = "", *, at: float = 0.99, **line: Any) -> None:
+def reference_line(axes: Axes, value: float, text: str = "", *, at: float = 0.99, **line: Any) -> None:
     """A horizontal line with what it stands for above it, at a share of the width."""
     axes.axhline(value, **{"color": INK, "linewidth": 1.0, "linestyle": "--"} | line)
     side = "right" if at > 0.5 else "left"

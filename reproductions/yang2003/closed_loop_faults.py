@@ -27,8 +27,8 @@ from reproductions.figures import (
     Figure,
     bars,
     grid,
-    level,
     ranges,
+    reference_line,
     ticks,
 )
 from reproductions.record import Effort, Finding, Table
@@ -438,7 +438,7 @@ def _draw(by_pilot: Mapping[str, Sequence[Flight]]) -> Figure:
             )  # fmt: skip
     for kind, marker in markers.items():
         lower.plot([], [], marker, color=INK, markersize=5.0, linestyle="none", label=_NAMES[kind])
-    level(lower, POSITION_TOLERANCE, "terminal box", at=0.01, linestyle=":")
+    reference_line(lower, POSITION_TOLERANCE, "terminal box", at=0.01, linestyle=":")
     lower.set(
         xscale="log", yscale="log", xlabel="firing time, thruster-seconds (who fired nothing is left out)"
     )

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reproductions.cells import quantiles, share
-from reproductions.figures import BLUE, GREEN, INK, RED, Figure, annotate, band, grid, level, ranges
+from reproductions.figures import BLUE, GREEN, INK, RED, Figure, annotate, band, grid, ranges, reference_line
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.rendezvous_flights import POSITION_TOLERANCE, Flights, Make, fly
@@ -345,6 +345,6 @@ def _draw(
     lower.set(title="Four thrusters at once, planned anew less and less often")
     lower.legend(loc="upper left")
     for panel in (upper, lower):
-        level(panel, POSITION_TOLERANCE, "terminal box", linestyle=":")
+        reference_line(panel, POSITION_TOLERANCE, "terminal box", linestyle=":")
         panel.set(ylabel="final miss, m")
     return figure
