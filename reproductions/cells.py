@@ -8,25 +8,38 @@ from numpy.typing import ArrayLike
 from thruster_baselines.detection.evaluate import Rate
 from thruster_baselines.statistics import clopper_pearson
 
-__all__ = ["finite", "median", "named", "percent", "quantiles", "rate", "share", "spread"]
+__all__ = [
+    "finite",
+    "interval",
+    "median",
+    "named",
+    "percent",
+    "proportion",
+    "quantiles",
+    "spread",
+    "with_interval",
+]
 
 
-def share(part: int, whole: int, form: str = ".1f", unit: str = " %") -> str:
+def interval(part: int, whole: int, form: str = ".1f") -> str:
+    """The 95 % Clopper-Pearson interval of a share, in %."""
+    low, high = clopper_pearson(int(part), int(whole))
+    return f"{100.0 * low:{form}} to {100.0 * high:{form}}"
+
+
+def proportion(part: int, whole: int, form: str = ".1f", unit: str = " %") -> str:
     """A share in % with its 95 % Clopper-Pearson interval; - of none.
 
-    >>> share(9, 10)
+    >>> proportion(9, 10)
     '90.0 % (55.5 to 99.7)'
     """
-    if whole == 0:
-        return "-"
-    low, high = clopper_pearson(int(part), int(whole))
-    return f"{100.0 * part / whole:{form}}{unit} ({100.0 * low:{form}} to {100.0 * high:{form}})"
+    return f"{100.0 * part / whole:{form}}{unit} ({interval(part, whole, form)})" if whole else "-"
 
 
-def rate(one: Rate, form: str = ".2%") -> str:
+def with_interval(one: Rate, form: str = ".2%") -> str:
     """A rate with its interval.
 
-    >>> rate(Rate(0.5, 0.25, 0.75, 2, 4))
+    >>> with_interval(Rate(0.5, 0.25, 0.75, 2, 4))
     '50.00% (25.00% to 75.00%)'
     """
     return f"{one.value:{form}} ({one.low:{form}} to {one.high:{form}})"

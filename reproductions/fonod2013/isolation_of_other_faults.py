@@ -1,10 +1,9 @@
 """Valves stuck closed and thrusters at half thrust, beside those stuck open.
 
 By the printed test, by its opposite, by signatures, and by the likelihood ratio of the force alone and of
-force and torque. The residual is an invertible filter of the observer's innovation, so that the likelihood
-ratio on either is the same; that of the force alone sees a thruster and the loss of its opposite corner as
-one (Remark 4 of the source), and names neither. Each threshold is a margin over healthy flights of validation
-seeds. The source detects "any kind" of fault and isolates open ones only; nothing of this table is in it.
+force and torque. That of the force alone sees a thruster and the loss of its opposite corner as one (Remark 4
+of the source), and isolates neither. Each threshold is a margin over healthy flights of validation seeds. The
+source detects "any kind" of fault and isolates open ones only; nothing of this table is in it.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from reproductions.fonod2013.isolation_study import (
     calibrated,
     correlation,
     draw_isolations,
+    faulty,
     norm,
     percentages,
-    struck,
     watched,
 )
 from reproductions.record import Effort, Finding, Table
@@ -49,15 +48,20 @@ def other_faults(effort: Effort) -> Finding:
         FORCE: (_force_ratio, _force_ratio, 1.5),
         "fusion": (_fusion, _fusion, 1.5),
     }
-    limits = {name: calibrated(effort, quiet, margin) for name, (_, quiet, margin) in makers.items()}
+    limits = {name: calibrated(effort, alarm, margin) for name, (_, alarm, margin) in makers.items()}
     seen = {}
     for fault, how in FAULTS.items():
-        flights = struck(effort, *how)
+        flights = faulty(effort, *how)
         for name, (make, _, _) in makers.items():
             seen[fault, name] = watched(flights, make, limits[name])
     printed = [seen[fault, "eq. 33, the source's"].share for fault in FAULTS]
     opposite = [seen[fault, "its opposite"].share for fault in FAULTS]
     fused = [seen[fault, "fusion"].share for fault in FAULTS]
+    table = Table(
+        "Detectors by fault",
+        ("fault", "detector", *HEAD),
+        [(fault, name, *one.cells) for (fault, name), one in seen.items()],
+    )
     return Finding(
         ours=(
             f"named right of {', '.join(FAULTS)}: the source's test {percentages(printed)}; its opposite "
@@ -81,13 +85,7 @@ def other_faults(effort: Effort) -> Finding:
             "named_right": {f"{fault}, {name}": one.share for (fault, name), one in seen.items()},
             "thresholds": limits,
         },
-        tables=(
-            Table(
-                "Detectors by fault",
-                ("fault", "detector", *HEAD),
-                tuple((fault, name, *one.cells) for (fault, name), one in seen.items()),
-            ),
-        ),
+        tables=(table,),
         figure=partial(draw_isolations, {f"{fault}: {name}": one for (fault, name), one in seen.items()}),
     )
 

@@ -2,7 +2,7 @@
 
 Eq. 33 prints the residual of the last sample where that of each sample is meant, and leaves open how the axes
 are put together; Remark 3 leaves out thrusters that idle. Which reading is right for thrusters stuck open is
-seen on the environment's own pilot. The test is one of commands, so that it hangs on who allocates them:
+seen on the environment's own pilot. The test is one of commands, so that it depends on who allocates them:
 the last rows are of pilots that allocate otherwise (`other_pilots`), each with a threshold of its own.
 """
 
@@ -13,13 +13,13 @@ from typing import Any
 
 from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import (
-    HEAD,
     Isolation,
+    by_threshold,
     calibrated,
     correlation,
     draw_isolations,
+    faulty,
     percentages,
-    struck,
     watched,
 )
 from reproductions.fonod2013.other_pilots import fixed_bias, minimum_fuel
@@ -74,15 +74,26 @@ def readings(effort: Effort) -> Finding:
         for label, settings in LABELS.items()
         for window in (10, 30)
     } | GUARDS
-    limit, flights = calibrated(effort), struck(effort)
+    limit, flights = calibrated(effort), faulty(effort)
     limits = dict.fromkeys(cases, limit)
     seen = {name: watched(flights, correlation(**settings), limit) for name, settings in cases.items()}
     for name, (flown, settings) in PILOTS.items():
         limits[name] = calibrated(effort, **flown)
-        seen[name] = watched(struck(effort, **flown), correlation(**settings), limits[name])
+        seen[name] = watched(faulty(effort, **flown), correlation(**settings), limits[name])
     share = {name: one.share for name, one in seen.items()}
     meant = [share[f"{label}, N = {n}"] for label in list(LABELS)[:4] for n in (10, 30)]
     thrifty, slow, fast = (seen[name] for name in ("minimum fuel", "bias 0.2, clipped", list(PILOTS)[-1]))
+    by_reading = by_threshold(
+        "Readings of eq. 33 on open faults, and pilots that allocate otherwise",
+        "reading or pilot",
+        seen,
+        limits,
+    )
+    by_thruster = Table(
+        "Named right by the thruster that failed",
+        ("pilot", *(str(i) for i in range(1, 9))),
+        [(name, *(f"{100.0 * one:.0f} %" for one in _by_thruster(seen[name]))) for name in PILOTS],
+    )
     return Finding(
         ours=(
             f"named right, the least of the readings as meant and as printed: {percentages([min(meant)])}; "
@@ -99,7 +110,7 @@ def readings(effort: Effort) -> Finding:
             ),
             "judged before the alarm it does no harm": share[list(GUARDS)[2]] == 1.0,
             "with minimum fuel the lower number of the thruster and its opposite corner is named": (
-                bool((thrifty.named == 1 + (thrifty.thruster - 1) % 4).all())
+                (thrifty.named == 1 + (thrifty.thruster - 1) % 4).all()
             ),
             "a clipped bias fails by a slow position loop and not by a fast one": (
                 slow.share < 0.9 and fast.share == 1.0
@@ -123,20 +134,7 @@ def readings(effort: Effort) -> Finding:
             "thresholds": limits,
             "named_right_by_thruster": {name: _by_thruster(seen[name]) for name in PILOTS},
         },
-        tables=(
-            Table(
-                "Readings of eq. 33 on open faults, and pilots that allocate otherwise",
-                ("reading or pilot", "threshold", *HEAD),
-                tuple((name, f"{1e3 * limits[name]:.1f} mm", *one.cells) for name, one in seen.items()),
-            ),
-            Table(
-                "Named right by the thruster that failed",
-                ("pilot", *(str(i) for i in range(1, 9))),
-                tuple(
-                    (name, *(f"{100.0 * one:.0f} %" for one in _by_thruster(seen[name]))) for name in PILOTS
-                ),
-            ),
-        ),
+        tables=(by_reading, by_thruster),
         figure=partial(draw_isolations, seen),
     )
 

@@ -1,12 +1,9 @@
 """Thrusters stuck open under other noise, later navigation, other delays of the pulses and other idle rates.
 
-The source has one level of noise and withholds it. The same table from our draft simulation, of 10 flights
-for each thruster and without errors of mass and thrust, is quoted beside. Here the environment flies with all
-errors on, a hundred flights for each thruster, each row with a threshold of its own: 1.3 times the largest
-norm of healthy flights of validation seeds.
-
-The environment's own pilot cannot idle otherwise. So the last rows are flown by its law from observations,
-without its filter of the position; the first of them shows that this alone changes nothing.
+The source has one level of noise and withholds it. Each row has a threshold of its own, 1.3 times the largest
+norm of healthy flights of validation seeds; the table of our draft simulation, without errors of mass and
+thrust, is quoted beside. The environment's own pilot cannot idle otherwise, so that the last rows are flown
+by its law from observations, without its filter of the position; the first shows that this changes nothing.
 """
 
 from __future__ import annotations
@@ -18,17 +15,17 @@ from typing import Any
 
 from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import (
-    HEAD,
     VEHICLE,
+    by_threshold,
     calibrated,
     correlation,
     draw_isolations,
+    faulty,
     percentages,
-    struck,
     watched,
 )
 from reproductions.fonod2013.other_pilots import law
-from reproductions.record import Effort, Finding, Table
+from reproductions.record import Effort, Finding
 from thruster_baselines.control import ApproachSettings
 from thruster_envs.spacecraft import load
 
@@ -56,10 +53,14 @@ def noise(effort: Effort) -> Finding:
     seen, limits = {}, {}
     for name, settings in _cases().items():
         limits[name] = calibrated(effort, **settings)
-        seen[name] = watched(struck(effort, **settings), correlation(), limits[name])
+        seen[name] = watched(faulty(effort, **settings), correlation(), limits[name])
     shares = [one.share for one in seen.values()]
     plain, observed = seen["± 1.0 mm"], seen["from observations, idle rate 0.1"]
     false = sum(int((one.detection < 0.0).sum()) for one in seen.values())
+    table = by_threshold(
+        "Open faults, by the source's test", "what is changed", seen, limits,
+        **{"draft: threshold, detection": lambda name, _: DRAFT.get(name, "-")},
+    )  # fmt: skip
     return Finding(
         ours=f"named right, the least of {len(shares)} rows: {percentages([min(shares)])}",
         checks={
@@ -81,16 +82,7 @@ def noise(effort: Effort) -> Finding:
             "thresholds": limits,
             "detection_mean": {name: one.detection.mean() for name, one in seen.items()},
         },
-        tables=(
-            Table(
-                "Open faults, by the source's test",
-                ("what is changed", "threshold", *HEAD, "draft: threshold, detection"),
-                tuple(
-                    (name, f"{1e3 * limits[name]:.1f} mm", *one.cells, DRAFT.get(name, "-"))
-                    for name, one in seen.items()
-                ),
-            ),
-        ),
+        tables=(table,),
         figure=partial(draw_isolations, seen),
     )
 

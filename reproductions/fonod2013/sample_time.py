@@ -1,15 +1,15 @@
 """How long one sample takes: residual, decision and isolation of one vehicle, through the public call.
 
-The source says that the load is low. Timed from the first sample to the end of flights with an open valve, at
-the calibrated threshold: most samples are before the alarm, some between the alarm and the name, in which
-the correlations are formed as well, and the rest after it. The load of the machine when it was timed
-stands beside the result.
+The source says that the load is low. Timed over flights with an open valve, at the calibrated threshold: most
+samples are before the alarm, some between the alarm and the name, in which the correlations are formed as
+well, and the rest after it. The load of the machine stands beside the result.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -54,6 +54,21 @@ def sample_time(effort: Effort) -> Finding:
     times, where = np.array(taken[len(samples) :]), np.array(part[len(samples) :])  # the first compiles
     by_part = {name: times[where == k] for k, name in enumerate(PARTS) if (where == k).any()}
     median, slow = float(np.median(times)), float(np.quantile(times, 0.99))
+
+    def micros(of: Callable[[FloatArray], float]) -> Callable[[str, FloatArray], str]:
+        return lambda _, one: f"{1e6 * of(one):.1f}"
+
+    table = Table.of(
+        "Time of a sample, µs",
+        by_part,
+        {
+            "samples": "{0}",
+            "number": "{1.size}",
+            "median": micros(np.median),
+            "99th percentile": micros(lambda one: np.quantile(one, 0.99)),
+            "most": micros(np.max),
+        },
+    )
     return Finding(
         ours=f"{1e6 * median:.1f} µs a sample, 99th percentile {1e6 * slow:.1f} µs",
         checks={
@@ -74,20 +89,7 @@ def sample_time(effort: Effort) -> Finding:
             "load": before,
             "processor": processor(),
         },
-        tables=(
-            Table(
-                "Time of a sample, µs",
-                ("samples", "number", "median", "99th percentile", "most"),
-                tuple(
-                    (
-                        name,
-                        str(one.size),
-                        *(f"{1e6 * x:.1f}" for x in (np.median(one), np.quantile(one, 0.99), one.max())),
-                    )
-                    for name, one in by_part.items()
-                ),
-            ),
-        ),
+        tables=(table,),
         figure=partial(_draw, by_part),
     )
 
@@ -95,11 +97,9 @@ def sample_time(effort: Effort) -> Finding:
 def _draw(by_part: dict[str, FloatArray]) -> Figure:
     figure, (panel,) = panels(height=3.4)
     for (name, times), colour in zip(by_part.items(), (BLUE, ORANGE, INK), strict=False):
-        rising = np.sort(1e6 * times)
-        panel.plot(rising, np.arange(1, rising.size + 1) / rising.size, color=colour, label=name)
+        panel.plot(np.sort(1e6 * times), np.arange(1, times.size + 1) / times.size, color=colour, label=name)
     panel.axvline(1e6 * BUDGET, color=INK, linestyle="--", linewidth=1.0, label="20 µs")
-    panel.set_xlim(0.0, 60.0)
-    panel.set_xlabel("time of a sample, µs (longer ones in the table)")
-    panel.set_ylabel("share of samples within it")
+    panel.set(xlim=(0.0, 60.0), xlabel="time of a sample, µs (longer ones in the table)")
+    panel.set(ylabel="share of samples within it")
     panel.legend(loc="lower right", fontsize=8.5)
     return figure

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from reproductions.cells import rate
+from reproductions.cells import with_interval
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, dots, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.valdes2008 import reproduces
@@ -143,7 +143,7 @@ def _note(
     return (
         f"{plan.forms} missions with a fault and as many healthy twins, {pulses:,} pulses, {faulty:,} of "
         f"them faulty; {plan.seeds} training runs of whatever learns. The best learned method: accuracy "
-        f"{rate(accuracy)}, alarms in {rate(alarms)} of healthy missions for the worst seed (95 %). "
+        f"{with_interval(accuracy)}, alarms in {with_interval(alarms)} of healthy missions for the worst seed (95 %). "
         f"Of the networks of the source and those in their place, {ranked} does best, with a precision of "
         f"{_spread([one.precision for one in of_ranked])}. What limits whatever sees the circuit alone: a "
         f"slug of {limit[0]:.1%} of its mass has the very waveforms of electrodes of {limit[1]:.1%} of their "
@@ -198,7 +198,7 @@ def _pulse_table(cells: dict[str, list[Confusion]]) -> Table:
         [
             (name, str(len(those)),
              *(_spread([getattr(one, measure) for one in those]) for measure in MEASURES),
-             rate(_typical(those).rate("accuracy")))
+             with_interval(_typical(those).rate("accuracy")))
             for name, those in cells.items()
         ],
     )  # fmt: skip
@@ -209,7 +209,7 @@ def _mission_table(wholes: dict[str, list[Whole]], further: dict[str, list[int]]
         return lambda _, those: _numbers([getattr(one, name) for one in those])
 
     def worst(_: str, those: list[Whole]) -> str:
-        return rate(Rate.of(max(one.alarms for one in those), those[0].healthy, 0.95), ".0%")
+        return with_interval(Rate.of(max(one.alarms for one in those), those[0].healthy, 0.95), ".0%")
 
     return Table.of(
         "Whole missions; median and range of the runs",

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from reproductions.cells import quantiles, share
+from reproductions.cells import proportion, quantiles
 from reproductions.figures import (
     BLUE,
     GREEN,
@@ -388,7 +388,7 @@ def arrivals(flights: Sequence[Flight]) -> tuple[float, float]:
 
 
 def _rate(flights: Sequence[Flight]) -> str:
-    return share(sum(one.success for one in flights), len(flights), ".0f", "")
+    return proportion(sum(one.success for one in flights), len(flights), ".0f", "")
 
 
 def _data(flights: Sequence[Flight]) -> dict[str, object]:

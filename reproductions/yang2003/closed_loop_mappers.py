@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.cells import quantiles, share
+from reproductions.cells import proportion, quantiles
 from reproductions.figures import BLUE, GREEN, INK, RED, Figure, annotate, band, grid, ranges, reference_line
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
@@ -286,7 +286,7 @@ def _relative(flights: Flights, usual: Flights) -> float:
 
 
 def _rate(success: NDArray[np.bool_]) -> str:
-    return share(success.sum(), success.size, ".0f", "")
+    return proportion(success.sum(), success.size, ".0f", "")
 
 
 def _interval(success: NDArray[np.bool_]) -> tuple[float, float]:

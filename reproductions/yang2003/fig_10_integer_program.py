@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, PURPLE, Figure, panels
+from reproductions.figures import BLUE, INK, ORANGE, PURPLE, Figure, bars, panels, ticks
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, METHODS, commands
@@ -62,19 +62,14 @@ def times(effort: Effort) -> Finding:
 
 def _draw(median: dict[tuple[str, str], float]) -> Figure:
     figure, (axis,) = panels(height=3.4)
-    places = np.arange(len(CONDITIONS))
-    for k, (method, colour) in enumerate(zip(TIMED, (INK, ORANGE, BLUE, PURPLE), strict=True)):
-        values = [1e6 * median[method, condition] for condition in CONDITIONS]
-        bars = axis.bar(places + 0.2 * (k - 1.5), values, width=0.18, color=colour,
-                        label=method)  # fmt: skip
-        axis.bar_label(bars, labels=[_duration(value) for value in values], padding=2, fontsize=8.5)
-    axis.set_yscale("log")
-    axis.set_ylim(1.0, 3e6)
-    axis.set_xticks(places, [f"{condition} commanded" for condition in CONDITIONS])
-    axis.set_ylabel("time of one command, µs")
-    axis.set_title("The integer program is not the faster way", loc="left")
+    values = {method: [1e6 * median[method, condition] for condition in CONDITIONS] for method in TIMED}
+    bars(axis, values, (INK, ORANGE, BLUE, PURPLE))
+    for those, of_method in zip(axis.containers, values.values(), strict=True):
+        axis.bar_label(those, labels=[*map(_duration, of_method)], padding=2, fontsize=8.5)
+    ticks(axis, [f"{condition} commanded" for condition in CONDITIONS])
+    axis.set(yscale="log", ylim=(1.0, 3e6), ylabel="time of one command, µs")
+    axis.set(title="The integer program is not the faster way")
     axis.legend(loc="upper left", ncols=4, fontsize=9)
-    axis.grid(axis="x", visible=False)
     return figure
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, Figure, panels
+from reproductions.cells import with_interval
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, Figure, annotate, panels, ticks
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, FAILED, METHODS, SHARE, Trial, commands, trial
+from thruster_baselines.detection.evaluate import Rate
 from thruster_baselines.mapping import DifferentialCompensationMapper
 from thruster_baselines.mapping.compensation import CYCLED
 from thruster_baselines.statistics import clopper_pearson
@@ -30,18 +32,19 @@ COLOURS = dict(zip(METHODS, (INK, ORANGE, BLUE, GREEN, PURPLE), strict=True))
 def accuracy(effort: Effort) -> Finding:
     """Accuracy of methods I and II and of the integer program."""
     trials = {(m, c): trial(m, c, effort.samples) for m in METHODS for c in CONDITIONS}
-    rows, data = [], {}
-    for (method, condition), one in trials.items():
-        failed = int((one.error > FAILED).sum())
-        low, high = clopper_pearson(failed, effort.samples)
-        rows.append((
-            condition, method, f"{one.error.mean():.2%}", f"{np.quantile(one.error, 0.99):.2%}",
-            f"{failed / effort.samples:.2%} ({low:.2%} to {high:.2%})", f"{one.firing.mean():.3f}",
-        ))  # fmt: skip
-        data[f"{condition}, {method}"] = {
-            "mean": one.error.mean(), "quantiles": np.quantile(one.error, [0.5, 0.9, 0.99, 1.0]),
-            "failed": failed, "firing": one.firing.mean(),
-        }  # fmt: skip
+    failed = {key: int((one.error > FAILED).sum()) for key, one in trials.items()}
+    table = Table.of(
+        "Error by condition and method",
+        trials,
+        {
+            "condition": lambda key, _: key[1],
+            "method": lambda key, _: key[0],
+            "mean error": lambda _, one: f"{one.error.mean():.2%}",
+            "99 % quantile": lambda _, one: f"{np.quantile(one.error, 0.99):.2%}",
+            "failed": lambda key, _: with_interval(Rate.of(failed[key], effort.samples, 0.95)),
+            "firing time, s": lambda _, one: f"{one.firing.mean():.3f}",
+        },
+    )
 
     def mean(method: str, condition: str) -> float:
         return float(trials[method, condition].error.mean())
@@ -72,18 +75,20 @@ def accuracy(effort: Effort) -> Finding:
         f"({failures('method I', six):.1%} beyond 1 %), II {mean('method II', six):.3%}, integer program "
         f"{mean('integer program', six):.1%}, exact {mean('exact', six):.0e}",
         checks=checks,
-        data=data,
+        data={
+            f"{condition}, {method}": {
+                "mean": one.error.mean(),
+                "quantiles": np.quantile(one.error, [0.5, 0.9, 0.99, 1.0]),
+                "failed": failed[method, condition],
+                "firing": one.firing.mean(),
+            }
+            for (method, condition), one in trials.items()
+        },
         note=f"{effort.samples:,} commands in each condition, uniform in {SHARE:.0%} of the authority; the "
         "source gives neither its distribution nor the figure's values. Error: miss with the loss by overlap "
         "over command, in shares of authority. Failed: error above 1 %; 95 % Clopper-Pearson interval. The "
         "integer program takes 6.2 % loss, as in the source. *Exact* is not in the source.",
-        tables=(
-            Table(
-                "Error by condition and method",
-                ("condition", "method", "mean error", "99 % quantile", "failed", "firing time, s"),
-                tuple(rows),
-            ),
-        ),
+        tables=(table,),
         figure=lambda: _draw(trials),
     )
 
@@ -92,25 +97,17 @@ def _draw(trials: dict[tuple[str, str], Trial]) -> Figure:
     figure, axes = panels(3, height=3.6)
     floor = 1e-5
     for axis, condition in zip(axes, CONDITIONS, strict=True):
-        means = [float(trials[method, condition].error.mean()) for method in METHODS]
-        places = np.arange(len(METHODS))
-        axis.bar(places, np.maximum(means, floor), color=[COLOURS[m] for m in METHODS], width=0.7)
-        for place, value in zip(places, means, strict=True):
+        for place, method in enumerate(METHODS):
+            value = float(trials[method, condition].error.mean())
+            axis.bar(place, max(value, floor), color=COLOURS[method], width=0.7)
             digits = 0 if value > 0.095 else 1 if value > 0.0095 else 2
             label = f"{value:.{digits}%}" if value > floor else "≈ 0"
-            axis.annotate(
-                label, (place, max(value, floor)), ha="center", xytext=(0, 3), textcoords="offset points",
-                fontsize=8.5,
-            )  # fmt: skip
-        axis.set_yscale("log")
-        axis.set_ylim(floor, 1.0)
-        axis.set_xticks(places, ["none", "I", "II", "exact", "MILP"])
-        axis.set_title(f"{condition} commanded", loc="left")
-        axis.grid(axis="x", visible=False)
+            annotate(axis, label, (place, max(value, floor)), (0, 3), ha="center", fontsize=8.5)
+        axis.set(yscale="log", ylim=(floor, 1.0), title=f"{condition} commanded")
+        ticks(axis, ["none", "I", "II", "exact", "MILP"])
     axes[0].set_ylabel("mean miss over command")
-    figure.suptitle(
-        "Methods I and II make up for the loss; the integer program (MILP) does not", x=0.01, ha="left"
-    )
+    title = "Methods I and II make up for the loss; the integer program (MILP) does not"
+    figure.suptitle(title, x=0.01, ha="left")
     return figure
 
 

@@ -1,8 +1,7 @@
 """How long one solve takes: section 2.4.4 says "less than 0.01 s" and points to section 2.3.
 
-Section 2.3 gives the operations of a solve and the time that they take on the flight computer, from which
-follows how many operations that does in a second. Here one solve is timed on the computer at hand, and what
-it would take on the source's is worked out from its operations.
+Section 2.3 gives the operations of a solve and the time that they take on the flight computer. Here one solve
+is timed on the computer at hand, and what it would take on the source's is worked out from its operations.
 """
 
 from __future__ import annotations
@@ -37,6 +36,21 @@ def solve_time(effort: Effort) -> Finding:
     in_flight = operations * TABLE_2_SECONDS / TABLE_2_OPERATIONS
     mean, slow = float(times.mean()), float(np.quantile(times, 0.99))
     contradicts = TABLE_2_SECONDS >= CLAIMED
+    mine = f"{1e6 * mean:.3g}, {1e6 * np.median(times):.3g}, {1e6 * slow:.3g} µs"
+    table = Table(
+        "One solve",
+        ("", "operations, mean", "time"),
+        (
+            ("Yang 2003, section 2.4.4", "", f"less than {CLAIMED} s"),
+            ("Yang 2003, Table 2", f"{TABLE_2_OPERATIONS:.0f}", f"{TABLE_2_SECONDS} s"),
+            (
+                "ours, at Table 2's operations in a second",
+                f"{operations.mean():.0f}",
+                f"{in_flight.mean():.2g} s",
+            ),
+            ("ours, measured: mean, median, 99th percentile", f"{operations.mean():.0f}", mine),
+        ),
+    )
     return Finding(
         ours=(
             f"{1e6 * mean:.3g} µs on this computer; {in_flight.mean():.2g} s at the source's rate of "
@@ -64,24 +78,5 @@ def solve_time(effort: Effort) -> Finding:
             "seconds_at_the_source_s_rate": float(in_flight.mean()),
             "processor": processor(),
         },
-        tables=(
-            Table(
-                "One solve",
-                ("", "operations, mean", "time"),
-                (
-                    ("Yang 2003, section 2.4.4", "", f"less than {CLAIMED} s"),
-                    ("Yang 2003, Table 2", f"{TABLE_2_OPERATIONS:.0f}", f"{TABLE_2_SECONDS} s"),
-                    (
-                        "ours, at Table 2's operations in a second",
-                        f"{operations.mean():.0f}",
-                        f"{in_flight.mean():.2g} s",
-                    ),
-                    (
-                        "ours, measured: mean, median, 99th percentile",
-                        f"{operations.mean():.0f}",
-                        f"{1e6 * mean:.3g}, {1e6 * np.median(times):.3g}, {1e6 * slow:.3g} µs",
-                    ),
-                ),
-            ),
-        ),
+        tables=(table,),
     )

@@ -1,12 +1,9 @@
 """Section 3.2: what the robust linear program gains when the command is uncertain, and when it gains nothing.
 
 The source reports a gain of 20 % on average for skewed errors, and proves that there is none for symmetric
-ones. It does not say how skewed its errors were. Here the true command is uniform in an interval around the
-given one, on each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other: half width
-w and skewness s. Both maps can meet what they aim at. What they miss of the true command is, with the plain
-program and with the robust one,
-
-    on average   w (1 + s^2) / 2  and  w / 2,    at worst   w (1 + s)  and  w.
+ones. It does not say how skewed. Here the true command is uniform in an interval around the given one, on
+each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other. What is missed of it is,
+with the plain program and with the robust one, w (1 + s^2) / 2 and w / 2 on average, w (1 + s) and w at worst.
 """
 
 from __future__ import annotations
@@ -18,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels
+from reproductions.figures import BLUE, ORANGE, Figure, panels, reference_line
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import AttitudeUncertainty, LPMapper, RobustCommandMapper
@@ -33,7 +30,7 @@ REACH, WIDEST = 0.15, 0.03  # of the authority: commands, and half widths of the
 SEED = 16
 ROUND_OFF = 1e-12
 ONE_DEGREE = float(np.radians(1.0))
-REFEREED = 200  # problems at most that HiGHS solves too
+CHECKED = 200  # problems at most that HiGHS solves too
 
 Ends = Callable[[np.random.Generator, tuple[int, int]], tuple[FloatArray, FloatArray]]
 """Draws how far intervals reach to either side, in units of the widest half width."""
@@ -105,6 +102,16 @@ def skewed(effort: Effort) -> Finding:
     error = float(difference.std() / np.sqrt(difference.size))
     nearer = int(usual.nearer.sum())
     low, high = clopper_pearson(nearer, difference.size)
+    table = Table.of(
+        "Miss of the true command, robust beside plain",
+        found,
+        {
+            "intervals": "{0}",
+            "nearer on average, %": lambda _, one: f"{100.0 * one.gain:.1f}",
+            "nearer at worst, %": lambda _, one: f"{100.0 * one.worst_gain:.1f}",
+            "nearer, share of commands, %": lambda _, one: f"{100.0 * one.nearer.mean():.1f}",
+        },
+    )
     return Finding(
         ours=(
             f"{100.0 * usual.gain:.3g} % nearer on average and {100.0 * usual.worst_gain:.3g} % at worst "
@@ -133,22 +140,8 @@ def skewed(effort: Effort) -> Finding:
             }
             for name, one in found.items()
         },
-        tables=(
-            Table(
-                "Miss of the true command, robust beside plain",
-                ("intervals", "nearer on average, %", "nearer at worst, %", "nearer, share of commands, %"),
-                tuple(
-                    (
-                        name,
-                        f"{100.0 * one.gain:.1f}",
-                        f"{100.0 * one.worst_gain:.1f}",
-                        f"{100.0 * one.nearer.mean():.1f}",
-                    )
-                    for name, one in found.items()
-                ),
-            ),
-        ),
-        figure=lambda: draw(effort.samples),
+        tables=(table,),
+        figure=lambda: _draw(effort.samples),
     )
 
 
@@ -170,15 +163,14 @@ def symmetric(effort: Effort) -> Finding:
     met = (np.abs(plain.slack) <= ROUND_OFF * AUTHORITY).all(axis=-1)
     apart = float(np.abs(robust.on_times - plain.on_times).max())
     beyond = np.abs(robust.worst_miss - half_widths)[met].max(initial=0.0)
-    turned = RobustCommandMapper(
-        ORION, attitude=AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
-    )(commands)
+    attitude = AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
+    turned = RobustCommandMapper(ORION, attitude=attitude)(commands)
     turned_apart = float(np.abs(turned.on_times - plain.on_times).max())
-    refereed = [
-        abs(robust.cost[i] / referee(commands[i], half_widths[i], mapper) - 1.0)
-        for i in range(min(REFEREED, effort.samples))
+    checked = [
+        abs(robust.cost[i] / by_highs(commands[i], half_widths[i], mapper) - 1.0)
+        for i in range(min(CHECKED, effort.samples))
     ]
-    has_none = referee(commands[0], half_widths[0], mapper, as_printed=True) is None
+    has_none = by_highs(commands[0], half_widths[0], mapper, as_printed=True) is None
     return Finding(
         ours=(
             f"on-times at most {apart:.1g} s apart over {effort.samples} commands, of which "
@@ -188,7 +180,7 @@ def symmetric(effort: Effort) -> Finding:
             "both programs fire alike": apart <= 1e-9,
             "where the command can be met the worst miss is the half width": float(beyond) <= 1e-9,
             "nor does an attitude error of one degree change a firing": turned_apart <= 1e-9,
-            "HiGHS finds the same cost for the program of eq. 23": max(refereed) <= 1e-7,
+            "HiGHS finds the same cost for the program of eq. 23": max(checked) <= 1e-7,
         },
         correction=(
             "as eqs. 21 and 23 print the signs of S the program has no solution; those of eq. 35 are right"
@@ -204,7 +196,7 @@ def symmetric(effort: Effort) -> Finding:
             "largest_difference_with_attitude_error": turned_apart,
             "commands": effort.samples,
             "met": int(met.sum()),
-            "largest_relative_difference_to_HiGHS": max(refereed),
+            "largest_relative_difference_to_HiGHS": max(checked),
         },
     )
 
@@ -230,7 +222,7 @@ def misses(ends: Ends, count: int, seed: int = SEED) -> Misses:
     )
 
 
-def referee(
+def by_highs(
     command: FloatArray, half_widths: FloatArray, mapper: RobustCommandMapper, *, as_printed: bool = False
 ) -> float | None:
     """The cost of the program of eq. 23 by HiGHS, rows in shares of authority; None if it has no solution."""
@@ -253,28 +245,18 @@ def _size(miss: FloatArray) -> FloatArray:
     return total
 
 
-def draw(count: int) -> None:
-    """The gain against how skewed intervals are: closed forms, and random commands.
-
-    Args:
-        count: Commands for each point.
-    """
+def _draw(count: int) -> Figure:
+    """The gain against how skewed intervals are: closed forms, and random commands."""
     figure, (axes,) = panels(height=3.8)
-    curve = np.linspace(0.0, 1.0, 101)
-    points = np.linspace(0.0, 1.0, 11)
+    curve, points = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1.0, 11)
     found = [misses(skewed_by(one), count, SEED + 2) for one in points.tolist()]
     axes.plot(curve, 100.0 * curve / (1.0 + curve), color=ORANGE, linewidth=1.2)
     axes.plot(curve, 100.0 * curve**2 / (1.0 + curve**2), color=BLUE, linewidth=1.2)
     axes.plot(points, [100.0 * one.worst_gain for one in found], "s", color=ORANGE, label="at worst")
     axes.plot(points, [100.0 * one.gain for one in found], "o", color=BLUE, label="on average")
-    axes.axhline(100.0 * REPORTED_GAIN, color=INK, linestyle="--", linewidth=1.0)
-    axes.annotate(
-        "reported: 20 %", (1.0, 100.0 * REPORTED_GAIN), (0, 3), textcoords="offset points", ha="right"
-    )
-    axes.set(
-        xlabel="skewness of the intervals: 0 symmetric, 1 all on one side",
-        ylabel="nearer to the true command, %",
-        title="What the robust program gains by knowing the interval (lines: closed form)",
-    )
+    reference_line(axes, 100.0 * REPORTED_GAIN, "reported: 20 %")
+    axes.set(xlabel="skewness of the intervals: 0 symmetric, 1 all on one side")
+    axes.set(ylabel="nearer to the true command, %")
+    axes.set(title="What the robust program gains by knowing the interval (lines: closed form)")
     axes.legend(loc="upper left")
     return figure

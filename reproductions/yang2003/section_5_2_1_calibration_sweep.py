@@ -1,10 +1,10 @@
 """Initial misalignment after launch: each thruster fired alone, and what that tells.
 
-The source announces such a test for chapter 6 and shows none. Here thrusters are tilted by a random angle
+The source announces such a test for chapter 6 and shows none. Here thrusters are misaligned by a random angle
 about a random axis and their thrust is off by some per cent; the sweep of `thruster_baselines.estimation`
-fires them one by one, with Orion's scatter and sensor noise, and estimates. A tilt turns the force and,
-through the lever arm, the torque, which rate sensors see far better than Doppler sees a force; but a tilt
-towards the centre of mass changes the torque as a weaker thrust does, and only the force tells them apart.
+fires them one by one, with Orion's scatter and sensor noise, and estimates. Rate sensors see a turned torque
+far better than Doppler sees a force; but a tilt towards the centre of mass changes the torque as a weaker
+thrust does, and only the force tells them apart.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.ticker import LogLocator
 from scipy.stats import chi2
 
-from reproductions.figures import BLUE, INK, panels
+from reproductions.cells import proportion
+from reproductions.figures import BLUE, INK, Figure, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from thruster_baselines.estimation import CalibrationSweep
@@ -57,6 +58,26 @@ def misalignment(effort: Effort) -> Finding:
     size = NOMINAL.size
     spread = float(np.sqrt(2.0 * size / sweeps))
     trials = sweeps * NOMINAL.shape[1]
+    known = Table.of(
+        "How well a sweep knows each thruster (standard deviations; the worst of twelve)",
+        deviations,
+        {
+            "pulse, s": "{0:g}",
+            "firings of each": "{1}",
+            "firing time, s": lambda pulse, count, *_: f"{pulse * count * NOMINAL.shape[1]:g}",
+            "thrust, %": lambda _, __, thrust, ___: f"{100.0 * thrust:.2f}",
+            "tilt, degrees": "{3:.3f}",
+        },
+    )
+    found = Table.of(
+        f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of {PULSES[-1]:g} s, "
+        f"threshold for {FALSE_ALARMS:g} false alarms)",
+        flagged,
+        {
+            "tilt, degrees": "{0:g}",
+            "said to be off, % (95 % interval)": lambda _, count: proportion(count, trials, ".2f", ""),
+        },
+    )
     return Finding(
         ours=(
             f"three firings of 5 s each: thrust to {100.0 * deviations[_THREE_OF_5_S][2]:.1f} %, tilt to "
@@ -64,7 +85,7 @@ def misalignment(effort: Effort) -> Finding:
             f"average {squares.mean():.1f}; {FOUND:g} degrees found in {flagged[FOUND]} of {trials} thrusters"
         ),
         checks={
-            "the mean squared error is what the covariance says, within four of its deviations": bool(
+            "the mean squared error is what the covariance says, within four of its deviations": (
                 abs(squares.mean() - size) < 4.0 * spread
             ),
             f"a tilt of {FOUND:g} degrees is found in 95 % of thrusters": flagged[FOUND] >= 0.95 * trials,
@@ -84,28 +105,7 @@ def misalignment(effort: Effort) -> Finding:
             "flagged": {f"{angle:g}": count for angle, count in flagged.items()},
             "threshold": threshold,
         },
-        tables=(
-            Table(
-                "How well a sweep knows each thruster (standard deviations; the worst of twelve)",
-                ("pulse, s", "firings of each", "firing time, s", "thrust, %", "tilt, degrees"),
-                tuple(
-                    (
-                        f"{pulse:g}",
-                        f"{count}",
-                        f"{pulse * count * NOMINAL.shape[1]:g}",
-                        f"{100.0 * thrust:.2f}",
-                        f"{tilt:.3f}",
-                    )
-                    for pulse, count, thrust, tilt in deviations
-                ),
-            ),
-            Table(
-                f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of "
-                f"{PULSES[-1]:g} s, threshold for {FALSE_ALARMS:g} false alarms)",
-                ("tilt, degrees", "said to be off, % (95 % interval)"),
-                tuple((f"{angle:g}", _rate(count, trials)) for angle, count in flagged.items()),
-            ),
-        ),
+        tables=(known, found),
         figure=lambda: _draw(deviations),
     )
 
@@ -175,12 +175,7 @@ def _deviations(sweep: CalibrationSweep) -> tuple[float, float]:
     return float(max(thrusts)), float(max(tilts))
 
 
-def _rate(count: int, trials: int) -> str:
-    low, high = clopper_pearson(count, trials)
-    return f"{100.0 * count / trials:.2f} ({100.0 * low:.2f} to {100.0 * high:.2f})"
-
-
-def _draw(deviations: list[tuple[float, int, float, float]]) -> None:
+def _draw(deviations: list[tuple[float, int, float, float]]) -> Figure:
     figure, (left, right) = panels(2)
     for panel, column, label, scale in ((left, 2, "thrust, %", 100.0), (right, 3, "tilt, degrees", 1.0)):
         for pulse, style in zip(PULSES, ("o:", "o--", "o-"), strict=True):

@@ -34,28 +34,27 @@ def on_times(effort: Effort) -> Finding:
     allocation = LPMapper(ORION)(COMMAND)
     fired, firing_time = allocation.on_times, float(allocation.on_times.sum())
     least, most = range_of_optima(firing_time)
+    table = Table(
+        "On-times, s",
+        ("thruster", *(f"{i + 1}" for i in range(fired.size))),
+        (
+            ("reported", *(f"{one:g}" for one in REPORTED_ON_TIMES)),
+            ("ours", *(f"{one:.6g}" for one in fired)),
+        ),
+    )
     return Finding(
         ours=f"{_named(fired)}; {firing_time:.6g} thruster-s",
         checks={
-            "on-times are those reported": bool(np.abs(fired - REPORTED_ON_TIMES).max() <= ROUND_OFF),
-            "nothing is left of the command": bool(np.abs(allocation.slack).max() <= ROUND_OFF),
-            "no other on-times do it with as little firing": bool((most - least).max() <= 1e-6),
+            "on-times are those reported": np.abs(fired - REPORTED_ON_TIMES).max() <= ROUND_OFF,
+            "nothing is left of the command": np.abs(allocation.slack).max() <= ROUND_OFF,
+            "no other on-times do it with as little firing": (most - least).max() <= 1e-6,
         },
         note=(
             "That the optimum is unique is asked of HiGHS: it looks for the least and the largest on-time of "
             "each thruster among all firings that meet the command in the same firing time."
         ),
         data={"on_times": fired, "slack": allocation.slack, "firing_time": firing_time},
-        tables=(
-            Table(
-                "On-times, s",
-                ("thruster", *(f"{i + 1}" for i in range(fired.size))),
-                (
-                    ("reported", *(f"{one:g}" for one in REPORTED_ON_TIMES)),
-                    ("ours", *(f"{one:.6g}" for one in fired)),
-                ),
-            ),
-        ),
+        tables=(table,),
     )
 
 
@@ -76,8 +75,8 @@ def coupling_loss(effort: Effort) -> Finding:
     return Finding(
         ours=f"[{figures}]; {100.0 * loss[0]:.4g} % lost on x",
         checks={
-            "18 % is lost on each of the two axes": bool(np.abs(loss - 0.18).max() <= ROUND_OFF),
-            "all but the first figure are those printed": bool(agrees[1:].all()),
+            "18 % is lost on each of the two axes": np.abs(loss - 0.18).max() <= ROUND_OFF,
+            "all but the first figure are those printed": agrees[1:].all(),
         },
         correction=(
             ""

@@ -2,9 +2,7 @@
 
 A direction is one of the six axes with a sign; it is kept if thrusters can change that rate and no other. How
 much of it is left in a period comes from one linear program for each direction, and whether there is any is
-asked of the mapper besides: with no limit on the on-times it then has to meet a command in full.
-
-The source speaks of one loss. What two losses take away is ours.
+asked of the mapper besides. The source speaks of one loss; what two losses take away is ours.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, RED, panels
+from reproductions.figures import BLUE, INK, RED, Figure, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper
@@ -44,14 +42,19 @@ def redundancy(effort: Effort) -> Finding:
     losing = [(i + 1, j + 1) for i, j in pairs if not kept_by_mapper((i, j)).all()]
     shares = left / healthy
     changed = shares < 1.0 - 1e-9
+    table = Table.of(
+        "Authority of one period of 5 s with the other axes held at zero, m/s and rad/s",
+        [("none", healthy), *((f"{i + 1}", one) for i, one in enumerate(left))],
+        {"lost": "{0}"} | {name: (lambda _, one, k=k: f"{one[k]:.3g}") for k, name in enumerate(NAMES)},
+    )
     return Finding(
         ours=(
             f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} of "
             f"{len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each"
         ),
         checks={
-            "after each single loss the mapper meets a command in each direction": bool(kept.all()),
-            "and HiGHS finds authority in each": bool((shares > 1e-6).all()),
+            "after each single loss the mapper meets a command in each direction": kept.all(),
+            "and HiGHS finds authority in each": (shares > 1e-6).all(),
         },
         note=(
             f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
@@ -64,19 +67,8 @@ def redundancy(effort: Effort) -> Finding:
             "pairs": len(pairs),
             "pairs_that_lose_a_direction": losing,
         },
-        tables=(
-            Table(
-                "Authority of one period of 5 s with the other axes held at zero, m/s and rad/s",
-                ("lost", *NAMES),
-                tuple(
-                    (name, *(f"{one:.3g}" for one in values))
-                    for name, values in zip(
-                        ("none", *(f"{i + 1}" for i in range(count))), [healthy, *left], strict=True
-                    )
-                ),
-            ),
-        ),
-        figure=lambda: draw(shares),
+        tables=(table,),
+        figure=lambda: _draw(shares),
     )
 
 
@@ -111,30 +103,20 @@ def _without(lost: tuple[int, ...]) -> FloatArray:
     return working
 
 
-def draw(shares: FloatArray) -> None:
-    """What is left of each direction after each loss, in %.
-
-    Args:
-        shares: (12, 12): lost thruster, direction.
-    """
+def _draw(shares: FloatArray) -> Figure:
+    """What is left of each direction after each loss, in %; shares (lost thruster, direction)."""
     figure, (axes,) = panels(height=4.4)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
-    whole = np.isclose(shares, 1.0)
     for (row, column), share in np.ndenumerate(shares):
-        colour = INK if whole[row, column] else RED if share < 1e-6 else BLUE
-        axes.text(
-            column, row, f"{100.0 * share:.0f}", ha="center", va="center", color=colour,
-            alpha=0.45 if whole[row, column] else 1.0, weight="normal" if whole[row, column] else "bold",
-        )  # fmt: skip
+        look = {"color": RED if share < 1e-6 else BLUE, "weight": "bold"}
+        if np.isclose(share, 1.0):
+            look = {"color": INK, "alpha": 0.45}
+        axes.text(column, row, f"{100.0 * share:.0f}", ha="center", va="center", **look)
     axes.set_xticks(range(len(NAMES)), NAMES)
     axes.set_yticks(range(len(shares)), [f"{i + 1}" for i in range(len(shares))])
-    axes.set(
-        xlim=(-0.6, len(NAMES) - 0.4),
-        ylim=(len(shares) - 0.4, -0.6),
-        xlabel="direction, other axes held at zero",
-        ylabel="lost thruster",
-        title="What Orion has left of each direction when one thruster is lost, % of healthy",
-    )
+    axes.set(xlim=(-0.6, len(NAMES) - 0.4), ylim=(len(shares) - 0.4, -0.6), ylabel="lost thruster")
+    axes.set(xlabel="direction, other axes held at zero")
+    axes.set(title="What Orion has left of each direction when one thruster is lost, % of healthy")
     axes.tick_params(length=0)
     return figure

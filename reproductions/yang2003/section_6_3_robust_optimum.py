@@ -1,20 +1,11 @@
 """Is the plain linear program the robust optimum for Orion, as the source says of section 6.3?
 
-Two errors: the measured attitude is off by up to one degree about each axis, so that the command should have
-been another; and each thruster gives up to 10 % more or less than it should, independently of the others. The
-source argues by symmetry that on-times which solve A x = b have the least largest error then.
-
-The largest error is taken in two ways, in shares of authority:
-
-- by axis: the worst error of each axis by itself, summed over axes, which is what the source's robust program
-  minimises. Its least over all on-times is a linear program with a slack for each axis.
-- together: the worst sum over axes, all of them under the same error. That sum is the largest of 64 linear
-  functions, one for each choice of signs s of the axes. For each of them the worst error is known: a thruster
-  gives most or least by the sign of s'a_i, and of the attitude, for small angles, at one of eight corners.
-  So the least is a linear program of 64 rows.
-
-Both are solved by HiGHS, and what the plain program leaves is set beside them. Commands are those of the plan
-of chapter 6, and random ones on six axes.
+The measured attitude is off by up to one degree about each axis; each thruster gives up to 10 % more or less
+than it should, independently. The largest error, in shares of authority, is taken by axis (the worst error of
+each axis by itself, summed, which the source's robust program minimises) and together (the worst sum over
+axes under the same error: the largest of 64 linear functions, one for each choice of signs of the axes). Its
+least over all on-times is a linear program, solved by HiGHS; what the plain program leaves is set beside it.
+Commands are those of the plan of chapter 6, and random ones on six axes.
 """
 
 from __future__ import annotations
@@ -27,7 +18,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels
+from reproductions.figures import BLUE, INK, ORANGE, Figure, annotate, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, SHARE, plan
@@ -47,7 +38,7 @@ AUTHORITY = ORION.authority()
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 REACH = 0.15  # of the authority: random commands, which can be met
-REFEREED = 0.01  # of the effort's samples: random commands that HiGHS solves too
+SOLVED_TWICE = 0.01  # of the effort's samples: random commands that HiGHS solves too
 SAME = 1e-6  # relative: so well both are solved
 SEED = 33
 BY_AXIS, TOGETHER = "by axis", "together"
@@ -139,6 +130,20 @@ def scatter(effort: Effort) -> Finding:
         for measure in (BY_AXIS, TOGETHER)
     }
     usual, together = found[SCATTER, BY_AXIS], found[SCATTER, TOGETHER]
+    table = Table.of(
+        "The plain program beside the best of all on-times",
+        [(*key, one) for key, one in found.items()],
+        {
+            "scatter, %": lambda size, *_: f"{100.0 * size:g}",
+            "largest error": "{1}",
+            "no better on-times, % of the plan's commands": lambda _, __, one: (
+                f"{100.0 * one.before(planned).plain_is_best:.1f}"
+            ),
+            "of random ones": lambda _, __, one: f"{100.0 * one.after(planned).plain_is_best:.1f}",
+            "plain program's over the least, at most": lambda _, __, one: f"{1.0 + one.beyond:.4f}",
+            "robust program's": lambda _, __, one: f"{(one.robust / one.best).max():.4f}",
+        },
+    )
     return Finding(
         ours=(
             f"by axis, no on-times have a smaller largest error in {100.0 * usual.plain_is_best:.4g} % of "
@@ -150,9 +155,8 @@ def scatter(effort: Effort) -> Finding:
                 one.before(planned).plain_is_best == 1.0 for one in (usual, together)
             ),
             "nor for random ones by axis": usual.plain_is_best == 1.0,
-            "the robust program has the same error by axis": bool(
-                np.abs(usual.robust / usual.plain - 1.0).max() < SAME
-            ),
+            "the robust program has the same error by axis": np.abs(usual.robust / usual.plain - 1.0).max()
+            < SAME,
             "with scatter of more than 100 % it is not so": (
                 found[OTHER_SCATTERS[-1], BY_AXIS].plain_is_best < 1.0
             ),
@@ -171,31 +175,8 @@ def scatter(effort: Effort) -> Finding:
             "axes may cancel with those of another, and which thrusters serve a command makes a difference."
         ),
         data={f"{size:g}, {measure}": _data(one) for (size, measure), one in found.items()},
-        tables=(
-            Table(
-                "The plain program beside the best of all on-times",
-                (
-                    "scatter, %",
-                    "largest error",
-                    "no better on-times, % of the plan's commands",
-                    "of random ones",
-                    "plain program's over the least, at most",
-                    "robust program's",
-                ),
-                tuple(
-                    (
-                        f"{100.0 * size:g}",
-                        measure,
-                        f"{100.0 * one.before(planned).plain_is_best:.1f}",
-                        f"{100.0 * one.after(planned).plain_is_best:.1f}",
-                        f"{1.0 + one.beyond:.4f}",
-                        f"{float((one.robust / one.best).max()):.4f}",
-                    )
-                    for (size, measure), one in found.items()
-                ),
-            ),
-        ),
-        figure=partial(_draw, found=found),
+        tables=(table,),
+        figure=lambda: _draw(found),
     )
 
 
@@ -222,9 +203,8 @@ def scatter_rows(command: FloatArray, size: float) -> tuple[FloatArray, FloatArr
 def axis_rows(command: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     """The same with the worst error of each axis by itself, summed."""
     weighed = SIGNS / AUTHORITY
-    return weighed @ NOMINAL + size * (np.abs(NOMINAL) / AUTHORITY[:, np.newaxis]).sum(
-        axis=0
-    ), weighed @ command
+    worst = (np.abs(NOMINAL) / AUTHORITY[:, np.newaxis]).sum(axis=0)
+    return weighed @ NOMINAL + size * worst, weighed @ command
 
 
 def least_largest_error(rows: FloatArray, offset: FloatArray) -> float:
@@ -255,7 +235,7 @@ def _commands(samples: int) -> tuple[FloatArray, int]:
     changes = plan(SHARE).rate_changes
     planned = np.unique(changes[np.abs(changes).max(axis=1) > 1e-9].round(12), axis=0)
     rng = np.random.default_rng(SEED)
-    drawn = rng.uniform(-REACH, REACH, (max(2, int(REFEREED * samples)), 6)) * AUTHORITY
+    drawn = rng.uniform(-REACH, REACH, (max(2, int(SOLVED_TWICE * samples)), 6)) * AUTHORITY
     return np.concatenate([planned, drawn]), planned.shape[0]
 
 
@@ -269,33 +249,18 @@ def _data(beside: Beside) -> dict[str, object]:
     }
 
 
-def _draw(found: dict[tuple[float, str], Beside]) -> None:
+def _draw(found: dict[tuple[float, str], Beside]) -> Figure:
     """By how much larger the largest error is than it need be, against the scatter."""
     figure, both = panels(2, height=3.5)
     for axes, measure in zip(both, (BY_AXIS, TOGETHER), strict=True):
-        of_measure = {size: one for (size, which), one in found.items() if which == measure}
-        for name, color, marker in (("plain", BLUE, "o"), ("robust", ORANGE, "s")):
-            axes.plot(
-                [100.0 * size for size in of_measure],
-                [100.0 * (float((getattr(one, name) / one.best).max()) - 1.0) for one in of_measure.values()],
-                marker,
-                linestyle="-",
-                color=color,
-                fillstyle="none",
-                label=f"{name} program, worst command",
-            )
+        of_measure = {100.0 * size: one for (size, which), one in found.items() if which == measure}
+        for name, colour, marker in (("plain", BLUE, "o"), ("robust", ORANGE, "s")):
+            beyond = [100.0 * ((getattr(one, name) / one.best).max() - 1.0) for one in of_measure.values()]
+            label = f"{name} program, worst command"
+            axes.plot(list(of_measure), beyond, f"{marker}-", color=colour, fillstyle="none", label=label)
         axes.axvline(100.0 * SCATTER, color=INK, linestyle="--", linewidth=1.0)
-        axes.annotate(
-            "Orion",
-            (100.0 * SCATTER, 0.6),
-            (4, 0),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-        )
-        axes.set(
-            xlabel="scatter of each thruster, %",
-            ylabel="largest error beyond the least, %",
-            title=f"Errors of axes {'apart' if measure == BY_AXIS else measure}",
-        )
+        annotate(axes, "Orion", (100.0 * SCATTER, 0.6), (4, 0), xycoords=("data", "axes fraction"))
+        axes.set(xlabel="scatter of each thruster, %", ylabel="largest error beyond the least, %")
+        axes.set(title=f"Errors of axes {'apart' if measure == BY_AXIS else measure}")
         axes.legend(loc="upper left", bbox_to_anchor=(0.1, 1.0), fontsize=8.5)
     return figure

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from reproductions.cells import share
+from reproductions.cells import proportion
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, Figure, panels, thin
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
@@ -215,7 +215,7 @@ def fuel(effort: Effort) -> Finding:
         with_attitude,
         {
             "pilot": "{0}",
-            "in the box, % (95 % interval)": lambda _, one: share(
+            "in the box, % (95 % interval)": lambda _, one: proportion(
                 one.success.sum(), one.success.size, ".0f", ""
             ),
             "lost, %": lambda _, one: f"{100.0 * one.lost.mean():.0f}",

@@ -1,12 +1,10 @@
 """Table 3: how far the linear program and SPHERES' crude map deviate from what the controller asks for.
 
 The source names neither the commands nor the rule of the crude map beyond "turned on the thrusters that are
-pointed in the direction of the desired motion". Deviation is the size of what was missed over the size of the
-command, in shares of authority, averaged over commands. Commands of four kinds are drawn, all of which
-thrusters can meet: a command is a mixture of what each axis can do alone, in shares that sum to at most one.
-
-The crude rule is read in three ways: shared among the thrusters that help on the same axis (`CrudeMapper`),
-not shared, and all that help open for the same time, the one that comes nearest.
+pointed in the direction of the desired motion". Deviation is the size of the miss over that of the command, in
+shares of authority. Commands of four kinds are drawn, all of which thrusters can meet. The crude rule is read
+in three ways: shared among the thrusters that help on the same axis (`CrudeMapper`), not shared, and all that
+help open for the same time, the one that comes nearest.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from reproductions.figures import INK, panels
+from reproductions.figures import Figure, panels, reference_line
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
 from reproductions.yang2003.spheres_loop import LOOP_PERIOD, SPHERES, regulate, relative_deviation
@@ -50,6 +48,11 @@ def accuracy(effort: Effort) -> Finding:
     exact = max(means["linear program"].values())
     crude = [value for rule in CRUDE for value in means[rule].values()]
     within = min(crude) <= REPORTED_CRUDE <= max(crude)
+    table = Table(
+        "Mean deviation from the command, %; reported: 0 and 15.18",
+        ("rule", *sets),
+        [(rule, *map(percent, line.values())) for rule, line in means.items()],
+    )
     return Finding(
         ours=(
             f"linear program {percent(exact)} %; crude map {percent(min(crude))} to {percent(max(crude))} %, "
@@ -57,10 +60,9 @@ def accuracy(effort: Effort) -> Finding:
         ),
         checks={
             "the linear program misses nothing of any command": exact < EXACT,
-            "the crude map in the library does, of commands of every kind": min(
-                means["crude, shared"].values()
-            )
-            > 0.01,
+            "the crude map in the library does, of commands of every kind": (
+                min(means["crude, shared"].values()) > 0.01
+            ),
         },
         not_reproducible=(
             f"the {100.0 * REPORTED_CRUDE:.4g} % of the crude map; neither its rule nor the commands are "
@@ -72,14 +74,8 @@ def accuracy(effort: Effort) -> Finding:
             f"and gains of the loop are external. {effort.samples} commands of each kind."
         ),
         data={"mean_deviation": means},
-        tables=(
-            Table(
-                "Mean deviation from the command, %; reported: 0 and 15.18",
-                ("rule", *sets),
-                tuple((rule, *(percent(value) for value in line.values())) for rule, line in means.items()),
-            ),
-        ),
-        figure=lambda: draw(means),
+        tables=(table,),
+        figure=lambda: _draw(means),
     )
 
 
@@ -136,30 +132,16 @@ CRUDE = {"crude, shared": shared, "crude, not shared": not_shared, "crude, same 
 RULES = {"linear program": by_linear_program} | CRUDE
 
 
-def draw(means: dict[str, dict[str, float]]) -> None:
-    """Deviation by kind of command, a mark for each rule.
-
-    Args:
-        means: Rule, kind of command, mean deviation.
-    """
+def _draw(means: dict[str, dict[str, float]]) -> Figure:
+    """Deviation by kind of command, a mark for each rule."""
     figure, (axes,) = panels(height=3.6)
     for (rule, line), marker in zip(means.items(), "osD^", strict=True):
-        hollow = {"fillstyle": "none", "markersize": 14} if rule not in CRUDE else {"markersize": 8}
-        axes.plot(list(line), [100.0 * value for value in line.values()], marker, label=rule, **hollow)
-    axes.axhline(100.0 * REPORTED_CRUDE, color=INK, linestyle="--", linewidth=1.0)
-    axes.annotate(
-        "reported for the crude map",
-        (4.45, 100.0 * REPORTED_CRUDE),
-        (0, 3),
-        textcoords="offset points",
-        ha="right",
-    )
+        mark = {"markersize": 8} if rule in CRUDE else {"fillstyle": "none", "markersize": 14}
+        axes.plot(list(line), [100.0 * value for value in line.values()], marker, label=rule, **mark)
+    reference_line(axes, 100.0 * REPORTED_CRUDE, "reported for the crude map")
     axes.set(
-        xlim=(-0.5, 4.5),
-        xlabel="commands",
-        ylabel="mean deviation from the command, %",
-        title="What a crude map misses on SPHERES hangs on how its rule is read",
+        xlim=(-0.5, 4.5), ylim=(-3.0, 75.0), xlabel="commands", ylabel="mean deviation from the command, %"
     )
+    axes.set(title="What a crude map misses on SPHERES hangs on how its rule is read")
     axes.legend(loc="upper center", ncols=4, bbox_to_anchor=(0.5, 1.0), fontsize=9)
-    axes.set_ylim(-3.0, 75.0)
     return figure
