@@ -69,12 +69,9 @@ def time_histories(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"the norm crosses {1e3 * threshold:.1f} mm after the onset and not before in "
-            f"{sum(int(one.sum()) for one in crossed)} of {flights} flights; the index is that of the open "
-            f"thruster in all {confirmations} samples of the window in "
-            f"{sum(int(one.sum()) for one in settled)}"
-        ),
+        ours=f"the norm crosses {1e3 * threshold:.1f} mm after the onset and not before in "
+        f"{sum(int(one.sum()) for one in crossed)} of {flights} flights; the index is that of the open "
+        f"thruster in all {confirmations} samples of the window in {sum(int(one.sum()) for one in settled)}",
         checks={
             "in every flight the norm crosses J_T after the onset and not before": all(
                 one.all() for one in crossed
@@ -82,12 +79,10 @@ def time_histories(effort: Effort) -> Finding:
             f"sigma is constant over the {confirmations} samples of the confirmation window, and equals the "
             "thruster that is stuck open": all(one.all() for one in settled),
         },
-        note=(
-            "Of the first flight of each thruster: the residual's norm with the threshold (dashed), the "
-            "decision, and the index sigma(k) with the thruster that is stuck open as a line; the green band "
-            "is the confirmation window, after which the name stays. In some flights the index is another "
-            "one for a few samples before it settles (table)."
-        ),
+        note="Of the first flight of each thruster: the residual's norm with the threshold (dashed), the "
+        "decision, and the index sigma(k) with the thruster that is stuck open as a line; the green band "
+        "is the confirmation window, after which the name stays. In some flights the index is another "
+        "one for a few samples before it settles (table).",
         data={
             "threshold": threshold,
             "crossed": [int(one.sum()) for one in crossed],

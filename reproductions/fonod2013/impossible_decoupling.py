@@ -63,10 +63,8 @@ def impossible(effort: Effort) -> Finding:
         {"commands in": "{0}", "eigenvalue, rad/s": "{1:.1f}", "cosine": "{2:.4f}", "our draft": "{3:.3f}"},
     )
     return Finding(
-        ours=(
-            f"the ratio holds to {errors.max():.1e} for {pairs} random pairs of L and W; cosines "
-            f"{', '.join(f'{found:.3f}' for _, _, found, _ in alignment)}"
-        ),
+        ours=f"the ratio holds to {errors.max():.1e} for {pairs} random pairs of L and W; cosines "
+        f"{', '.join(f'{found:.3f}' for _, _, found, _ in alignment)}",
         checks={
             "G_rd = -4 s / (tau0 s + 2) G_rf to 1e-10 for every random L and W": errors.max() < 1e-10,
             "no row of W C is a left eigenvector, whatever W and L, at 40 eigenvalues": mixed == 6,
@@ -79,18 +77,14 @@ def impossible(effort: Effort) -> Finding:
                 source[1][0, 0] / source[0][0, 0] < 0.021 and (source[1] / source[0]).max() < 40.0
             ),
         },
-        not_reproducible=(
-            "no gain and weight decouple the residual from a varying delay and leave it sensitive to faults; "
-            "what makes it robust is the nominal delay in the model, and slow poles"
-        ),
-        note=(
-            f"Gains have entries of a normal distribution, scaled to 0.1 to 10 by turns; weights are random "
-            f"3 x 3 matrices, every third of them singular. Compared at {FREQUENCIES.size} frequencies from "
-            "0.01 to 1000 rad/s, relative to the largest entry. That W C D = 0 for any W is what the source "
-            "takes for the first half of a decoupling (its eq. 20): D does not enter the position directly, "
-            "and neither does a fault. A constant thrust is not disturbed by a delay, so that the ratio "
-            "vanishes at rest; above 20 rad/s it is 40, and the slow poles do the rest."
-        ),
+        not_reproducible="no gain and weight decouple the residual from a varying delay and leave it "
+        "sensitive to faults; what makes it robust is the nominal delay in the model, and slow poles",
+        note=f"Gains have entries of a normal distribution, scaled to 0.1 to 10 by turns; weights are random "
+        f"3 x 3 matrices, every third of them singular. Compared at {FREQUENCIES.size} frequencies from "
+        "0.01 to 1000 rad/s, relative to the largest entry. That W C D = 0 for any W is what the source "
+        "takes for the first half of a decoupling (its eq. 20): D does not enter the position directly, "
+        "and neither does a fault. A constant thrust is not disturbed by a delay, so that the ratio "
+        "vanishes at rest; above 20 rad/s it is 40, and the slow poles do the rest.",
         data={"pairs": pairs, "largest_ratio_error": errors.max(), "rank": mixed, "alignment": alignment},
         tables=(table,),
         figure=partial(_draw, source, other),

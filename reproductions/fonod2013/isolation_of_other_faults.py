@@ -63,10 +63,8 @@ def other_faults(effort: Effort) -> Finding:
         [(fault, name, *one.cells) for (fault, name), one in seen.items()],
     )
     return Finding(
-        ours=(
-            f"named right of {', '.join(FAULTS)}: the source's test {percentages(printed)}; its opposite "
-            f"{percentages(opposite)}; the fusion {percentages(fused)}"
-        ),
+        ours=f"named right of {', '.join(FAULTS)}: the source's test {percentages(printed)}; its opposite "
+        f"{percentages(opposite)}; the fusion {percentages(fused)}",
         checks={
             "the source's test names all open valves right": printed[0] == 1.0,
             "and nothing else": max(printed[1:]) == 0.0,

@@ -62,10 +62,8 @@ DRAFT = {
     "MSR-4.4",
     lines="beyond the source; L292-311",
     reported="nothing",
-    criterion=(
-        "as meant and as printed all open faults are named right, with the idle guard none, with "
-        "minimum fuel half"
-    ),
+    criterion="as meant and as printed all open faults are named right, with the idle guard none, with "
+    "minimum fuel half",
 )
 def readings(effort: Effort) -> Finding:
     """Readings of the cross-correlation test, its guard, and other allocations."""
@@ -95,13 +93,11 @@ def readings(effort: Effort) -> Finding:
         [(name, *(f"{100.0 * one:.0f} %" for one in _by_thruster(seen[name]))) for name in PILOTS],
     )
     return Finding(
-        ours=(
-            f"named right, the least of the readings as meant and as printed: {percentages([min(meant)])}; "
-            f"the greatest {percentages([share['r(l), the greatest, N = 10']])}; guard at 0.02 and 0.05 "
-            f"{percentages([share[name] for name in list(GUARDS)[:2]])}; "
-            f"minimum fuel {percentages([thrifty.share])}; a clipped bias {percentages([slow.share])}, with "
-            f"a fast position loop {percentages([fast.share])}"
-        ),
+        ours=f"named right, the least of the readings as meant and as printed: {percentages([min(meant)])}; "
+        f"the greatest {percentages([share['r(l), the greatest, N = 10']])}; guard at 0.02 and 0.05 "
+        f"{percentages([share[name] for name in list(GUARDS)[:2]])}; "
+        f"minimum fuel {percentages([thrifty.share])}; a clipped bias {percentages([slow.share])}, with "
+        f"a fast position loop {percentages([fast.share])}",
         checks={
             "as meant, whatever the vote, and as printed all are named right": min(meant) == 1.0,
             "the greatest correlation names none right": share["r(l), the greatest, N = 10"] == 0.0,

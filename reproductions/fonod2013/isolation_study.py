@@ -109,7 +109,7 @@ def percentages(values: Sequence[float]) -> str:
 def by_threshold(
     title: str, what: str, seen: Mapping[str, Isolation], limits: Mapping[str, float], **more: Any
 ) -> Table:
-    """A line for each case, with its threshold in m; more columns are functions of its name and what was seen."""
+    """A line for each case, with its threshold in m; more columns are functions of name and what was seen."""
     columns = {what: "{0}", "threshold": lambda name, _: f"{1e3 * limits[name]:.1f} mm"}
     said = {head: (lambda _, one, k=k: one.cells[k]) for k, head in enumerate(HEAD)}
     return Table.of(title, seen, columns | said | more)

@@ -71,12 +71,10 @@ def noise(effort: Effort) -> Finding:
             ),
         },
         beyond_source=True,
-        note=(
-            "Other settings are those of the second row. Errors of mass and thrust raise the threshold by a "
-            "part that does not depend on the noise and grows with the idle rate, since a thrust error acts "
-            "all the time; in the plain simulation there are none. An idle rate of 0.02 is below what the "
-            "valves can do: thrusters that are not needed stay shut."
-        ),
+        note="Other settings are those of the second row. Errors of mass and thrust raise the threshold by a "
+        "part that does not depend on the noise and grows with the idle rate, since a thrust error acts "
+        "all the time; in the plain simulation there are none. An idle rate of 0.02 is below what the "
+        "valves can do: thrusters that are not needed stay shut.",
         data={
             "named_right": {name: one.share for name, one in seen.items()},
             "thresholds": limits,

@@ -63,11 +63,9 @@ COLOURS = dict(zip(PILOTS, (GREEN, BLUE, ORANGE, RED), strict=True))
     "mars-recovery",
     lines="beyond the source; L317-332, L334 for its method",
     reported="nothing: open faults only, and no flight goes on after the diagnosis",
-    criterion=(
-        "on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s "
-        "(open) and 2.5 s (others), no false alarm in ten healthy hours, it captures or retreats in "
-        "95 % of the flights that the oracle saves, and says the right kind of 95 % of those it names"
-    ),
+    criterion="on 500 test seeds the best stack detects 99 %, isolates 98 %, median detection at most 1 s "
+    "(open) and 2.5 s (others), no false alarm in ten healthy hours, it captures or retreats in "
+    "95 % of the flights that the oracle saves, and says the right kind of 95 % of those it names",
 )
 def study(effort: Effort) -> Finding:
     """The Mars chaser's approach with any fault: diagnosed, recovered, captured or retreated."""
@@ -145,12 +143,10 @@ def study(effort: Effort) -> Finding:
         "stuck above some 0.75 were now and then called leaks. Numbers are of MSR-A, ours."
     )
     return Finding(
-        ours=(
-            f"best stack: {percent(detected, len(best))} detected, {percent(rightly, len(best))} isolated, "
-            f"medians {_seconds(_median(opened))} (open) and {_seconds(_median(others))} (others), "
-            f"{false['best stack']} false alarms, {percent(right, len(said))} of the named with the right "
-            f"kind, {percent(kept, len(among))} of {len(among)} savable flights saved"
-        ),
+        ours=f"best stack: {percent(detected, len(best))} detected, {percent(rightly, len(best))} isolated, "
+        f"medians {_seconds(_median(opened))} (open) and {_seconds(_median(others))} (others), "
+        f"{false['best stack']} false alarms, {percent(right, len(said))} of the named with the right "
+        f"kind, {percent(kept, len(among))} of {len(among)} savable flights saved",
         checks={part: bool(holds) for part, holds in checks.items()},
         beyond_source=True,
         note=note,
@@ -184,7 +180,7 @@ def study(effort: Effort) -> Finding:
             _by_kind("best stack", affected, thresholds),
             _by_kind("source's method", affected, thresholds),
             _said(best),
-            _worth_of_probing(
+            _worth_of_excitation(
                 {"best stack": best, UNPROBED: unprobed},
                 {"best stack": healthy["best stack"], UNPROBED: healthy_unprobed},
             ),
@@ -280,7 +276,7 @@ def _said(best: Sequence[Flight]) -> Table:
     )
 
 
-def _worth_of_probing(affected: dict[str, list[Flight]], healthy: dict[str, list[Flight]]) -> Table:
+def _worth_of_excitation(affected: dict[str, list[Flight]], healthy: dict[str, list[Flight]]) -> Table:
     def right_kind(_: str, those: list[Flight]) -> str:
         said = [one for one in those if one.said]
         return proportion(sum(map(_is_right, said)), len(said))

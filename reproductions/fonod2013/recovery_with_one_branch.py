@@ -44,11 +44,9 @@ from thruster_envs.spacecraft import load
     "mars-recovery-one-branch",
     lines="beyond the source; L317-332, L334 for its method",
     reported="nothing: no flight goes on after the diagnosis",
-    criterion=(
-        "on 500 test seeds the oracle saves 99 %, the best stack 95 % of those, and captures in 80 % of "
-        "the flights in which the oracle does; where the source's method names a wrong thruster it saves "
-        "fewer flights than where it names the right one, and fewer than the best stack does of the same"
-    ),
+    criterion="on 500 test seeds the oracle saves 99 %, the best stack 95 % of those, and captures in 80 % "
+    "of the flights in which the oracle does; where the source's method names a wrong thruster it saves "
+    "fewer flights than where it names the right one, and fewer than the best stack does of the same",
 )
 def study(effort: Effort) -> Finding:
     """The Mars chaser's approach with any fault and no spare branch: captured, or retreated."""
@@ -75,9 +73,9 @@ def study(effort: Effort) -> Finding:
         "best stack has to alarm, to name, and to say what is wrong, which it asks again after the name. The "
         "source's method looks for valves that are too far open: it closes the valve of whichever thruster "
         f"it names and retreats, also from faults with which one captures. Its name is wrong in {len(wrong)} "
-        f"flights, and two thrusters are lost then: it saves {proportion(*theirs)} of these, and the best stack "
-        f"{proportion(*ours)} of the same flights. No pilot makes pulses with an isolation valve. Numbers are of "
-        "MSR-A, ours."
+        f"flights, and two thrusters are lost then: it saves {proportion(*theirs)} of these, and the best "
+        f"stack {proportion(*ours)} of the same flights. No pilot makes pulses with an isolation valve. "
+        "Numbers are of MSR-A, ours."
     )
     by_kind = Table.of(
         "By kind of fault: captured, retreated, and neither",
@@ -92,14 +90,12 @@ def study(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"the oracle saves {len(savable)} of {len(affected['oracle'])} and captures in {len(capturable)}; "
-            f"of these the best stack saves {percent(*saved)} and captures in {percent(*caught)}, the "
-            f"source's method {percent(*_among(source, savable, is_saved))} and "
-            f"{percent(*_among(source, capturable, _is_captured))}, the unprotected pilot "
-            f"{percent(*_among(affected['unprotected'], savable, is_saved))} and "
-            f"{percent(*_among(affected['unprotected'], capturable, _is_captured))}"
-        ),
+        ours=f"the oracle saves {len(savable)} of {len(affected['oracle'])} and captures in "
+        f"{len(capturable)}; of these the best stack saves {percent(*saved)} and captures in "
+        f"{percent(*caught)}, the source's method {percent(*_among(source, savable, is_saved))} and "
+        f"{percent(*_among(source, capturable, _is_captured))}, the unprotected pilot "
+        f"{percent(*_among(affected['unprotected'], savable, is_saved))} and "
+        f"{percent(*_among(affected['unprotected'], capturable, _is_captured))}",
         checks={
             "the oracle captures or retreats in at least 99 %": len(savable)
             >= 0.99 * len(affected["oracle"]),

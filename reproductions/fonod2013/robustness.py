@@ -89,10 +89,8 @@ class Point:
     "MSR-10",
     lines="L321, L334",
     reported="faults are found and isolated despite delays, noise and disturbances; no rate",
-    criterion=(
-        "no false alarm of the source's method in ten healthy hours with all effects on, and every open "
-        "valve named right"
-    ),
+    criterion="no false alarm of the source's method in ten healthy hours with all effects on, and every "
+    "open valve named right",
 )
 def robustness(effort: Effort) -> Finding:
     """Robustness to delays, noise and disturbances; delay against false alarms."""
@@ -135,16 +133,14 @@ def robustness(effort: Effort) -> Finding:
             f"no false alarm of the source's method in {hours:.1f} healthy hours": false["Padé"] == 0,
             "and it names every open valve right, under the same effects": printed.share == 1.0,
         },
-        note=(
-            f"{flights} healthy flights, {8 * each} of each fault, as many of each thruster. Padé, observer "
-            "and undelayed isolate by the source's correlation, which is right for valves that are too far "
-            "open. Signature alarms as Padé does, and looks for open valves and losses only. The fusion is "
-            "the likelihood ratio of force and torque. That of the force alone stands beside it, and names "
-            f"somebody in {100.0 * named:.1f} % of flights: by it the excess of one thruster is the loss of "
-            "the other at the opposite corner (Remark 4 of the source). A slow valve delivers later what it "
-            "is told and in the mean as much, and nobody probes here, which would show it (mars-recovery); "
-            "an opening late by 0.05 s swallows the pulses of an idle thruster whole."
-        ),
+        note=f"{flights} healthy flights, {8 * each} of each fault, as many of each thruster. Padé, observer "
+        "and undelayed isolate by the source's correlation, which is right for valves that are too far "
+        "open. Signature alarms as Padé does, and looks for open valves and losses only. The fusion is "
+        "the likelihood ratio of force and torque. That of the force alone stands beside it, and names "
+        f"somebody in {100.0 * named:.1f} % of flights: by it the excess of one thruster is the loss of "
+        "the other at the opposite corner (Remark 4 of the source). A slow valve delivers later what it "
+        "is told and in the mean as much, and nobody probes here, which would show it (mars-recovery); "
+        "an opening late by 0.05 s swallows the pulses of an idle thruster whole.",
         data={
             "hours": hours,
             "thresholds": thresholds,

@@ -76,12 +76,10 @@ def sample_time(effort: Effort) -> Finding:
             "and at most 20 µs in the median": median <= BUDGET,
             "between alarm and name too": float(np.median(by_part.get(PARTS[1], times))) <= BUDGET,
         },
-        note=(
-            f"{times.size} samples of one vehicle on {processor()}, {os.cpu_count()} processors, whose "
-            f"average load over the minute before was {before:.1f}; the longest times are those in which the "
-            f"processor did something else. The threshold is {1e3 * threshold:.1f} mm, 1.3 times the largest "
-            "norm of healthy flights of validation seeds."
-        ),
+        note=f"{times.size} samples of one vehicle on {processor()}, {os.cpu_count()} processors, whose "
+        f"average load over the minute before was {before:.1f}; the longest times are those in which the "
+        f"processor did something else. The threshold is {1e3 * threshold:.1f} mm, 1.3 times the largest "
+        "norm of healthy flights of validation seeds.",
         data={
             "median": median,
             "percentile_99": slow,

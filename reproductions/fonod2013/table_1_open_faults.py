@@ -31,10 +31,8 @@ LATEST_DETECTION, LATEST_ISOLATION, CONFIRMED = 1.2, 4.0, 0.9  # s
     "MSR-01-08",
     lines="L317-332",
     reported="all eight named; detection 0.4 to 1.1 s, isolation 1.3 to 4.0 s",
-    criterion=(
-        "all named right, each detection within 1.2 s, each isolation within 4.0 s and at least 0.9 s "
-        "after it, no false alarm in healthy flights"
-    ),
+    criterion="all named right, each detection within 1.2 s, each isolation within 4.0 s and at least 0.9 s "
+    "after it, no false alarm in healthy flights",
 )
 def open_faults(effort: Effort) -> Finding:
     """Table 1: detection and isolation of each thruster stuck open."""
@@ -64,11 +62,9 @@ def open_faults(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"{sum(right)} of {8 * count} named right; detection {detection.min():.2f} to "
-            f"{detection.max():.2f} s, mean {detection.mean():.2f} s; isolation {isolation.min():.2f} to "
-            f"{isolation.max():.2f} s, mean {isolation.mean():.2f} s; {false + early} false alarms"
-        ),
+        ours=f"{sum(right)} of {8 * count} named right; detection {detection.min():.2f} to "
+        f"{detection.max():.2f} s, mean {detection.mean():.2f} s; isolation {isolation.min():.2f} to "
+        f"{isolation.max():.2f} s, mean {isolation.mean():.2f} s; {false + early} false alarms",
         checks={
             "every flight names the right thruster": sum(right) == 8 * count,
             f"every detection takes at most {LATEST_DETECTION} s": (
@@ -81,14 +77,12 @@ def open_faults(effort: Effort) -> Finding:
             f"no false alarm in {count} healthy flights": false == 0,
             "nor before a fault": early == 0,
         },
-        note=(
-            f"{count} flights for each thruster, and {hours:.1f} h of healthy flight after settling. The "
-            f"threshold is {1e3 * threshold:.1f} mm; without errors of mass, inertia, centre of mass and "
-            f"thrust it would be {1e3 * exact:.1f} mm (in flights of our draft simulation: 13.6 mm). "
-            "Eq. 33 is read with the residual of each sample of the window (printed: of the last one), N = "
-            "10, N_c = 10, majority of the axes. The reported times differ from thruster to thruster more "
-            "than ours; the layout behind them is withheld."
-        ),
+        note=f"{count} flights for each thruster, and {hours:.1f} h of healthy flight after settling. The "
+        f"threshold is {1e3 * threshold:.1f} mm; without errors of mass, inertia, centre of mass and "
+        f"thrust it would be {1e3 * exact:.1f} mm (in flights of our draft simulation: 13.6 mm). "
+        "Eq. 33 is read with the residual of each sample of the window (printed: of the last one), N = "
+        "10, N_c = 10, majority of the axes. The reported times differ from thruster to thruster more "
+        "than ours; the layout behind them is withheld.",
         data={
             "threshold": threshold,
             "threshold_without_errors": exact,

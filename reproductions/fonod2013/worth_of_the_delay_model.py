@@ -68,10 +68,8 @@ DRAFT_NOISE = {"pade": 2.2, "undelayed": 0.57, "observer": 0.57}
     "MSR-4.6",
     lines="beyond the source; L81-149, L225",
     reported="nothing: the design is compared with none",
-    criterion=(
-        "by the response to a fault, Padé's states are better against noise and worse against a varying "
-        "delay, and an abrupt stop alarms"
-    ),
+    criterion="by the response to a fault, Padé's states are better against noise and worse against a "
+    "varying delay, and an abrupt stop alarms",
 )
 def worth(effort: Effort) -> Finding:
     """Whether the model of the delay is worth its states."""
@@ -109,12 +107,10 @@ def worth(effort: Effort) -> Finding:
         [(what, *(f"{1e3 * one:.2f}" for one in found.values())) for what, found in causes.items()],
     )
     return Finding(
-        ours=(
-            "by the response to an open valve after 1 s, Padé's noise is one part in "
-            f"{over_noise['pade']:.1f} and that of the observers one in {over_noise[late]:.1f}; an abrupt "
-            f"stop is {over_delay['pade']:.2f} times that response, and {over_delay[at_once]:.2f} and "
-            f"{over_delay[late]:.2f} times"
-        ),
+        ours="by the response to an open valve after 1 s, Padé's noise is one part in "
+        f"{over_noise['pade']:.1f} and that of the observers one in {over_noise[late]:.1f}; an abrupt "
+        f"stop is {over_delay['pade']:.2f} times that response, and {over_delay[at_once]:.2f} and "
+        f"{over_delay[late]:.2f} times",
         checks={
             "by the response to a fault, Padé's states are better against noise": (
                 over_noise["pade"] > 1.5 * max(over_noise[at_once], over_noise[late])
@@ -135,24 +131,22 @@ def worth(effort: Effort) -> Finding:
             "numbers of our draft under varying delays lie within our flights, to 3 %": all(inside),
         },
         beyond_source=True,
-        note=(
-            "In plain words: with Padé's states a fault stands out more from the noise of the LIDAR, and so "
-            "does a delay that is not the nominal one, so that a manoeuvre which the threshold has not seen "
-            "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
-            "here. It is no cure for the abrupt stop: by whichever design, "
-            f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). Numbers of "
-            "our draft under varying delays are one draw each; ours differ from flight to flight by phases "
-            "and single errors, and theirs lie among them. Without variation nothing is random: there the "
-            f"abrupt stop is {100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by "
-            "Padé's states than in the draft, and not for the step of the integration. Two things of the "
-            "set-up explain it (second table). The filter of the draft's pilot takes thrust to come as soon "
-            "as it is asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
-            f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
-            f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
-            f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. A "
-            "bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses keep "
-            "their order; smaller ones by halves. Responses between two samples are interpolated."
-        ),
+        note="In plain words: with Padé's states a fault stands out more from the noise of the LIDAR, and so "
+        "does a delay that is not the nominal one, so that a manoeuvre which the threshold has not seen "
+        "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
+        "here. It is no cure for the abrupt stop: by whichever design, "
+        f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). Numbers of "
+        "our draft under varying delays are one draw each; ours differ from flight to flight by phases "
+        "and single errors, and theirs lie among them. Without variation nothing is random: there the "
+        f"abrupt stop is {100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by "
+        "Padé's states than in the draft, and not for the step of the integration. Two things of the "
+        "set-up explain it (second table). The filter of the draft's pilot takes thrust to come as soon "
+        "as it is asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
+        f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
+        f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
+        f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. A "
+        "bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses keep "
+        "their order; smaller ones by halves. Responses between two samples are interpolated.",
         data={
             "peaks_median": {", ".join(map(str, key)): np.median(found) for key, found in peaks.items()},
             "responses": {name: responses[name].mean(axis=0) for name in DESIGNS},

@@ -55,12 +55,12 @@ def errors_of(scatter: float, circuits: int, seeds: int) -> Errors:
         width = parameters["electrode_width"] < CIRCUIT.electrode_width
         pulses = measured(rng, circuit, **parameters)
         estimate, seen = fit()(*pulses), scores()(*pulses)
-        told = [np.where(width, estimate.thrust_if_width, estimate.thrust_if_mass)]
+        estimated = [np.where(width, estimate.thrust_if_width, estimate.thrust_if_mass)]
         for network in pulse_networks(seeds, "thrust"):
             by_mass, by_width = network.predict(seen).T
-            told.append(np.where(width, by_width, by_mass))
+            estimated.append(np.where(width, by_width, by_mass))
         truth.append(pulse_thrust(circuit, **parameters) / NOMINAL_THRUST)
-        found.append(np.stack(told))
+        found.append(np.stack(estimated))
     thrust, said = np.concatenate(truth), np.concatenate(found, axis=1)
     error: FloatArray = np.sqrt(((said - thrust) ** 2).mean(axis=1))
     wrong = (out_of_band(said) != out_of_band(thrust)).mean(axis=1)

@@ -54,11 +54,11 @@ class Whole:
     found: int  # of the missions with faulty pulses, in how many one of them is declared
     named: int  # of the found, in how many the failing thruster alone has declared pulses
     early: int  # in how many it has some before its first faulty one
-    alarms: int  # of the healthy twins, how many have a declared pulse
+    alarms: int  # of the fault-free runs, how many have a declared pulse
     # s, from the first faulty pulse to the first one declared from there on; infinite if there is none
     delays: tuple[float, ...]
     faulty: int  # missions with faulty pulses
-    healthy: int  # twins
+    healthy: int  # fault-free runs
 
 
 def whole_of(missions: tuple[Mission, ...], declared: list[BoolArray]) -> Whole:
@@ -84,10 +84,8 @@ def whole_of(missions: tuple[Mission, ...], declared: list[BoolArray]) -> Whole:
     "plasma-thruster-diagnosis",
     lines="beside Table 6.XXX, L2187-2199",
     reported="",
-    criterion=(
-        "the best learned method: accuracy 99.5 %, both precisions 99 %, alarms in at most 1 % of "
-        "healthy missions"
-    ),
+    criterion="the best learned method: accuracy 99.5 %, both precisions 99 %, alarms in at most 1 % of "
+    "healthy missions",
 )
 def comparison(effort: Effort) -> Finding:
     """Every method on the same missions of plasma thrusters, with healthy twins."""
@@ -143,15 +141,15 @@ def _note(
     return (
         f"{plan.forms} missions with a fault and as many healthy twins, {pulses:,} pulses, {faulty:,} of "
         f"them faulty; {plan.seeds} training runs of whatever learns. The best learned method: accuracy "
-        f"{with_interval(accuracy)}, alarms in {with_interval(alarms)} of healthy missions for the worst seed (95 %). "
-        f"Of the networks of the source and those in their place, {ranked} does best, with a precision of "
-        f"{_spread([one.precision for one in of_ranked])}. What limits whatever sees the circuit alone: a "
-        f"slug of {limit[0]:.1%} of its mass has the very waveforms of electrodes of {limit[1]:.1%} of their "
-        f"width; the first gives {limit[2]:.1%} of the thrust and is healthy, the second {1.15:.0%}. The "
-        "motion of the craft tells them apart. What limits whatever sees the motion alone: it knows a "
-        "thruster, not a pulse. And the high level adds up errors of 2,000 s, in which attitudes that it was "
-        "not trained on weigh more than faults. Whatever is compared knows the nominal circuit exactly; see "
-        "plasma-circuit-uncertainty for circuits that scatter."
+        f"{with_interval(accuracy)}, alarms in {with_interval(alarms)} of healthy missions for the worst "
+        f"seed (95 %). Of the networks of the source and those in their place, {ranked} does best, with a "
+        f"precision of {_spread([one.precision for one in of_ranked])}. What limits whatever sees the "
+        f"circuit alone: a slug of {limit[0]:.1%} of its mass has the very waveforms of electrodes of "
+        f"{limit[1]:.1%} of their width; the first gives {limit[2]:.1%} of the thrust and is healthy, the "
+        f"second {1.15:.0%}. The motion of the craft tells them apart. What limits whatever sees the motion "
+        "alone: it knows a thruster, not a pulse. And the high level adds up errors of 2,000 s, in which "
+        "attitudes that it was not trained on weigh more than faults. Whatever is compared knows the nominal "
+        "circuit exactly; see plasma-circuit-uncertainty for circuits that scatter."
     )
 
 

@@ -1,12 +1,10 @@
 """The missions of the fair comparison, and the methods that judge them.
 
-Missions: follower 1 turns to an attitude drawn from roll 20 to 35, pitch 30 to 50, yaw 40 to 60 degrees,
-which no method has seen. One of its six thrusters fails by one of the three causes, at once (17 to 30 % of
-thrust) or growing from nothing (to 20 to 40 %), from a moment in the first 100 s on. Each mission has a
-healthy twin, with the same attitude and sensor errors. A pulse is faulty if its thrust, without errors, is
-out of the band of 15 %; the fault acts on the firings of its thruster and on nothing else.
-
-Thresholds come from the validation seeds, networks from the training seeds, judgements from the test seeds.
+Follower 1 turns to an attitude drawn from roll 20 to 35, pitch 30 to 50, yaw 40 to 60 degrees, which no
+method has seen. One of its six thrusters fails by one of the three causes, at once (17 to 30 % of thrust) or
+growing (to 20 to 40 %), from a moment in the first 100 s on; each mission has a paired fault-free run, with
+the same attitude and sensor errors. A pulse is faulty if its thrust, without errors, is out of the band of 15
+%. Thresholds come from validation seeds, networks from training seeds, judgements from test seeds.
 """
 
 from __future__ import annotations
@@ -82,7 +80,7 @@ Said: TypeAlias = dict[str, list[list[BoolArray]]]
 class Plan:
     """How much is flown."""
 
-    forms: int  # so many of the 36 pairs of thruster and form of fault; each with a healthy twin
+    forms: int  # so many of the 36 pairs of thruster and form of fault; each with a fault-free run
     healthy: int  # healthy missions for thresholds, and as many for rates of false alarms
     seeds: int  # training runs of each network
     rate: float  # of false alarms that thresholds of whole missions are set to
@@ -142,7 +140,7 @@ def _targets(rng: np.random.Generator, count: int) -> FloatArray:
 
 @cache
 def test_missions(forms: int) -> tuple[Mission, ...]:
-    """The faulty ones, then their healthy twins."""
+    """The faulty ones, then their fault-free runs."""
     rng = np.random.default_rng(TEST.start + 100)
     cases = [(thruster, form) for thruster in range(6) for form in FORMS]
     cases = [cases[k] for k in rng.permutation(len(cases))[:forms]]
@@ -232,11 +230,11 @@ def drawn_pulses(rng: np.random.Generator, count: int) -> tuple[dict[str, FloatA
         for name, values in changed(kind, drawn).items():
             parameters[name][own] = values
     parameters["voltage"] = rng.uniform(*VOLTAGES, count)
-    kick = (CIRCUIT.electrode_width / parameters["electrode_width"]) ** 2
-    kick *= CIRCUIT.slug_mass / parameters["slug_mass"]
+    impulse = (CIRCUIT.electrode_width / parameters["electrode_width"]) ** 2
+    impulse *= CIRCUIT.slug_mass / parameters["slug_mass"]
     rest = {name: parameters[name] for name in ("added_resistance", "voltage")}
-    by_mass = thrust_of(slug_mass=CIRCUIT.slug_mass / kick, **rest)
-    by_width = thrust_of(electrode_width=CIRCUIT.electrode_width / np.sqrt(kick), **rest)
+    by_mass = thrust_of(slug_mass=CIRCUIT.slug_mass / impulse, **rest)
+    by_width = thrust_of(electrode_width=CIRCUIT.electrode_width / np.sqrt(impulse), **rest)
     return parameters, np.log(np.stack((by_mass, by_width, thrust_of(**parameters)), axis=1))
 
 

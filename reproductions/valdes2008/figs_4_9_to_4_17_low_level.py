@@ -221,9 +221,8 @@ def _draw_ramp(kind: str, count: int) -> Figure:
     "E4.7",
     lines="Table 4.XI, L1292-1328",
     reported="accuracy 88.89 %, true faulty 57.63 %",
-    criterion=(
-        "accuracy of the median network within ten percentage points; a quarter of the faults or more missed"
-    ),
+    criterion="accuracy of the median network within ten percentage points; a quarter of the faults or more "
+    "missed",
 )
 def confusion(effort: Effort) -> Finding:
     """Confusion matrix of the low-level networks over the three ramps."""

@@ -1,9 +1,9 @@
 """Fig. 5.6 to 5.16: the high-level networks, their thresholds, and three faulty missions (E5.5 to E5.11).
 
 Ten networks for each axis; see `high_level_study`. A mission with a fault that acts on the firings of its
-thruster is set beside its healthy twin, and beside the mission with the torque that the source's pulse counts
-would need. The residual is the sum over 1000 to 3000 s of the absolute error of the predicted rate, in units
-of 2.6 mrad/s; the source's unit is not known.
+thruster is set beside its paired fault-free run, and beside the mission with the torque that the source's
+pulse counts would need. The residual is the sum over 1000 to 3000 s of the absolute error of the predicted
+rate, in units of 2.6 mrad/s; the source's unit is not known.
 """
 
 from __future__ import annotations

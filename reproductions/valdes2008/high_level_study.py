@@ -3,11 +3,9 @@
 Three 4-10-1 networks of dynamic neurons predict the rates of follower 1 from its pulses and its relative
 quaternion; trained on missions 1 to 3, thresholds by eq. 5.3 from missions 1 to 6, all healthy. The source
 does not say when its training stops; here it is at a mean square error of 1e-4, or after 150 iterations of
-L-BFGS.
-
-Each faulty mission is flown three ways, with the same sensor errors: with the fault acting on the firings of
-its thruster, as a fault does; without it (the healthy twin, which the source does not fly); and with the
-torque besides that the source's pulse counts would need (`REPORTED_FAULT_BIAS`).
+L-BFGS. Each faulty mission is flown three ways, with the same sensor errors: with the fault acting on the
+firings of its thruster, as a fault does; without it (the paired fault-free run, which the source does not
+fly); and with the torque besides that the source's pulse counts would need (`REPORTED_FAULT_BIAS`).
 """
 
 from __future__ import annotations

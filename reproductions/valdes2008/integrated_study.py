@@ -2,11 +2,9 @@
 
 High-level networks as in `high_level_study`, low-level ones as in `low_level_study`, trained on to 3e-5:
 those that stop where the source stops are of no use here. The upper threshold is that of the low level, the
-lower one that of 120 healthy pulses at 910 V.
-
-Which pulses are faulty follows the source: all of the failing thruster after a fault of 15 % began, though
-its thrust is at the limit of the band (85.1 % and 114.7 %), and those with a thrust out of the band where the
-fault grows.
+lower one that of 120 healthy pulses at 910 V. Which pulses are faulty follows the source: all of the failing
+thruster after a fault of 15 % began, though its thrust is at the limit of the band (85.1 % and 114.7 %), and
+those with a thrust out of the band where the fault grows.
 """
 
 from __future__ import annotations

@@ -3,10 +3,9 @@
 Each is a 2-10-1 network of dynamic neurons, trained to predict the current one sample ahead from the measured
 voltage and current of twelve healthy pulses with charge voltages from 857 to 977 V (the source does not say
 how many), and used on its own output. The source stops at a mean square error of 1e-4. That is four times the
-variance of the errors of the samples, so that there is a second set that goes on to 3e-5.
-
-The threshold is (4.2) with 1.15, of 120 healthy pulses that were not trained on. The source's go up to 980 V,
-where the thrust is above the band; these go to 977 V.
+variance of the errors of the samples, so that there is a second set that goes on to 3e-5. The threshold is
+(4.2) with 1.15, of 120 healthy pulses that were not trained on. The source's go up to 980 V, where the thrust
+is above the band; these go to 977 V.
 """
 
 from __future__ import annotations

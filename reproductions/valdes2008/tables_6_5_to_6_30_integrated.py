@@ -2,7 +2,7 @@
 
 Every scenario is flown three ways; see `high_level_study`. The source's results come about with a torque that
 its pulse counts need and a fault has not; with the fault acting on the firings alone the first stage is
-blind, and it flags healthy twins as often.
+blind, and it flags fault-free runs as often.
 """
 
 from __future__ import annotations

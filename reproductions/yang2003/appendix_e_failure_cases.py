@@ -19,7 +19,7 @@ from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failu
 from reproductions.yang2003.fault_mission_report import COLUMNS, draw_flights, kept, table
 from reproductions.yang2003.section_6_4_3_failures_in_flight import ARRIVED, DEVIATION
 
-NOT_NOTICED, ANEW, DIAGNOSED, TOLD = "not noticed", "planned anew at 25 m", "diagnosed", "told as it happens"
+NOT_NOTICED, ANEW, DIAGNOSED, KNOWN = "not noticed", "planned anew at 25 m", "diagnosed", "told as it happens"
 STEADIED = "diagnosed, rotation taken back"
 
 
@@ -39,8 +39,8 @@ def degraded(effort: Effort) -> Finding:
             "planned anew: plans anew": (flights[ANEW].replans, 2),
             "planned anew: final miss, m": (flights[ANEW].miss, 16.0),
             "planned anew: commanded delta-v, m/s": (flights[ANEW].delta_v, 1.22),
-            "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.0684),
-            "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 419.7),
+            "told: commanded delta-v, m/s": (flights[KNOWN].delta_v, 1.0684),
+            "told: commanded firing, thruster-s": (flights[KNOWN].firing_time, 419.7),
         }
     )
     return Finding(
@@ -49,11 +49,9 @@ def degraded(effort: Effort) -> Finding:
             "thruster 1 is named and its half found": found == [(1, "loss", 0.5)],
             **_checks(flights),
         },
-        note=(
-            "The models compared are losses of a quarter, a half and three quarters, dead, open, and leaks. "
-            "Without feedback the failure of E39, though it comes later, takes the craft "
-            f"{fly(LOST).miss / flights[NOT_NOTICED].miss:.2f} times as far off."
-        ),
+        note="The models compared are losses of a quarter, a half and three quarters, dead, open, and leaks. "
+        "Without feedback the failure of E39, though it comes later, takes the craft "
+        f"{fly(LOST).miss / flights[NOT_NOTICED].miss:.2f} times as far off.",
         data={name: _kept(one) for name, one in flights.items()},
         tables=(_table(flights), earlier),
         figure=partial(draw_flights, _drawn(flights)),
@@ -74,16 +72,14 @@ def two_dead(effort: Effort) -> Finding:
     later = flights[DIAGNOSED].found[-1]
     earlier = beside_earlier(
         {
-            "told: commanded delta-v, m/s": (flights[TOLD].delta_v, 1.1014),
-            "told: commanded firing, thruster-s": (flights[TOLD].firing_time, 643.4),
+            "told: commanded delta-v, m/s": (flights[KNOWN].delta_v, 1.1014),
+            "told: commanded firing, thruster-s": (flights[KNOWN].firing_time, 643.4),
         }
     )
     return Finding(
-        ours=(
-            f"{_in_a_line(flights)}; thruster {first.thruster} found in period {first.period}, "
-            f"{second.thruster} in period {second.period}, or in period {later.period} if the rotation that "
-            "is left is not taken back"
-        ),
+        ours=f"{_in_a_line(flights)}; thruster {first.thruster} found in period {first.period}, "
+        f"{second.thruster} in period {second.period}, or in period {later.period} if the rotation that "
+        "is left is not taken back",
         checks={
             "the first failure is found in the first period, the second in the second": (
                 [(one.thruster, one.kind, one.period) for one in steadied.found]
@@ -105,12 +101,10 @@ def two_dead(effort: Effort) -> Finding:
             if later.period != 2
             else ""
         ),
-        note=(
-            "The source finds the second failure after the second step. Nothing in its plan fires thruster 2 "
-            "as long as rotation is not controlled; here it fires in the second period to take back the "
-            "rotation that thruster 1 left, and is found then. A second failure can only be found once it is "
-            "told to fire."
-        ),
+        note="The source finds the second failure after the second step. Nothing in its plan fires thruster "
+        "2 as long as rotation is not controlled; here it fires in the second period to take back the "
+        "rotation that thruster 1 left, and is found then. A second failure can only be found once it is "
+        "told to fire.",
         data={name: _kept(one) for name, one in flights.items()},
         tables=(_table(flights), earlier),
         figure=partial(draw_flights, _drawn(flights)),
@@ -122,7 +116,7 @@ def _fly(failures: tuple[Failure, ...]) -> dict[str, Flight]:
         NOT_NOTICED: fly(failures),
         ANEW: fly(failures, deviation=DEVIATION),
         DIAGNOSED: fly(failures, diagnosis=True),
-        TOLD: fly(failures, told=True),
+        KNOWN: fly(failures, known=True),
     }
 
 

@@ -57,7 +57,7 @@ FEW = 10  # with fewer flights than this, they only show that all runs, and may 
 OF_ORACLE, OF_FUEL = 0.9, 0.1  # targets: share of what the oracle can fly, firing time beyond the oracle's
 PART, SHORT_PERIOD = 0.2, 1.0  # of the flights, flown again with control periods of so many s
 HEALTHY_PART = 0.25  # the same of those without fault, which have five times as many intervals
-TOLD, DIAGNOSING, NOT_ASKING = "oracle", "classical", "blind"
+ORACLE, DIAGNOSING, NOT_ASKING = "oracle", "classical", "blind"
 _NAMES = {"stuck_off": "dead", "loss": "half thrust", "stuck_on": "stuck on"}
 
 
@@ -65,10 +65,8 @@ _NAMES = {"stuck_off": "dead", "loss": "half thrust", "stuck_on": "stuck on"}
     "closed-loop-faults",
     lines="section 6.4.3 and appendix E (E39 to E48), ours in six degrees of freedom",
     reported="nothing of this kind: single scenarios, without attitude",
-    criterion=(
-        "the classical pilot flies 90 % of what the oracle can fly, within 10 % of its firing time at "
-        "the median, and more than the blind pilot, with alarms at the stated rate where nothing fails"
-    ),
+    criterion="the classical pilot flies 90 % of what the oracle can fly, within 10 % of its firing time at "
+    "the median, and more than the blind pilot, with alarms at the stated rate where nothing fails",
 )
 def study(effort: Effort) -> Finding:
     """Orion's rendezvous with a random fault, diagnosed in flight."""
@@ -76,15 +74,15 @@ def study(effort: Effort) -> Finding:
     orbits = 0.5 if count >= FEW else 0.05
     by_pilot = _sorted(fly_all(TEST[:count], orbits))
     few = TEST[: max(1, int(PART * count))]
-    quick = _sorted(fly_all(few, orbits, (TOLD, DIAGNOSING, NOT_ASKING), period=SHORT_PERIOD))
+    quick = _sorted(fly_all(few, orbits, (ORACLE, DIAGNOSING, NOT_ASKING), period=SHORT_PERIOD))
     unaffected = HEALTHY_PER_EFFORT * effort.flights
     healthy = {
         period: fly_healthy(VALIDATION[: max(1, int(part * unaffected))], orbits, period)
         for period, part in ((load("orion").control_period, 1.0), (SHORT_PERIOD, HEALTHY_PART))
     }
     alarms = {period: _alarms(flights) for period, flights in healthy.items()}
-    oracle, classical = by_pilot[TOLD], by_pilot[DIAGNOSING]
-    flyable = [mine for mine, told in zip(classical, oracle, strict=True) if told.success]
+    oracle, classical = by_pilot[ORACLE], by_pilot[DIAGNOSING]
+    flyable = [mine for mine, reference in zip(classical, oracle, strict=True) if reference.success]
     arrived = sum(one.success for one in flyable)
     extra = _fuel_of_oracle(classical, oracle)
     ours = "; ".join(
@@ -92,10 +90,8 @@ def study(effort: Effort) -> Finding:
         for pilot, flights in by_pilot.items()
     )
     return Finding(
-        ours=(
-            f"in the box: {ours}; of the {len(flyable)} flights that the oracle can fly, the classical pilot "
-            f"flies {arrived}, with {extra:.3f} of the oracle's firing time at the median"
-        ),
+        ours=f"in the box: {ours}; of the {len(flyable)} flights that the oracle can fly, the classical "
+        f"pilot flies {arrived}, with {extra:.3f} of the oracle's firing time at the median",
         checks={
             f"of the flights that the oracle can fly, it flies {100.0 * OF_ORACLE:.0f} % or more": (
                 bool(flyable) and arrived >= OF_ORACLE * len(flyable)
@@ -133,7 +129,8 @@ def study(effort: Effort) -> Finding:
             _table_of_pilots(by_pilot),
             _table_of_kinds(by_pilot, "The same by kind of fault (medians over flights)"),
             _table_of_kinds(
-                quick, f"The same in control periods of {SHORT_PERIOD:g} s, {len(quick[TOLD])} of these seeds"
+                quick,
+                f"The same in control periods of {SHORT_PERIOD:g} s, {len(quick[ORACLE])} of these seeds",
             ),
             _table_of_holding(healthy),
             _table_of_diagnosis(classical),
@@ -146,8 +143,8 @@ def study(effort: Effort) -> Finding:
 def _fuel_of_oracle(flights: Sequence[Flight], oracle: Sequence[Flight]) -> float:
     """Median over the seeds that both fly of firing time over the oracle's; of all if there are none."""
     pairs = list(zip(flights, oracle, strict=True))
-    both = [(mine, told) for mine, told in pairs if mine.success and told.success] or pairs
-    return float(np.median([mine.firing_time / told.firing_time for mine, told in both]))
+    both = [(mine, reference) for mine, reference in pairs if mine.success and reference.success] or pairs
+    return float(np.median([mine.firing_time / reference.firing_time for mine, reference in both]))
 
 
 def _sorted(flown: Sequence[Flight]) -> dict[str, list[Flight]]:
@@ -156,8 +153,8 @@ def _sorted(flown: Sequence[Flight]) -> dict[str, list[Flight]]:
 
 
 def _note(by_pilot: Mapping[str, Sequence[Flight]], quick: Mapping[str, Sequence[Flight]]) -> str:
-    stuck = [one for one in by_pilot[TOLD] if one.kind == "stuck_on"]
-    at_once = [one for one in quick[TOLD] if one.kind == "stuck_on"]
+    stuck = [one for one in by_pilot[ORACLE] if one.kind == "stuck_on"]
+    at_once = [one for one in quick[ORACLE] if one.kind == "stuck_on"]
     arrived = sum(one.success for one in stuck)
     text = (
         "Orion's feed has no isolation valves, so a valve that is stuck open fires to the end and three "
@@ -194,11 +191,11 @@ def _note(by_pilot: Mapping[str, Sequence[Flight]], quick: Mapping[str, Sequence
 
 
 def _table_of_pilots(by_pilot: Mapping[str, Sequence[Flight]]) -> Table:
-    oracle = by_pilot[TOLD]
+    oracle = by_pilot[ORACLE]
     flyable = {one.seed for one in oracle if one.success}
 
     def relative(_: str, flights: Sequence[Flight]) -> str:
-        both = any(mine.success & told.success for mine, told in zip(flights, oracle, strict=True))
+        both = any(mine.success & reference.success for mine, reference in zip(flights, oracle, strict=True))
         return f"{_fuel_of_oracle(flights, oracle):.3f}" if both else "-"
 
     return Table.of(
@@ -411,7 +408,7 @@ def _draw(by_pilot: Mapping[str, Sequence[Flight]]) -> Figure:
     figure, axes = grid(2, 1, 8.2, height_ratios=(1.0, 1.5))
     (upper,), (lower,) = axes
     colours = (GREEN, BLUE, RED, ORANGE, PURPLE)
-    counts = [len(_of(by_pilot[TOLD], kind)) for kind in FAULT_KINDS]
+    counts = [len(_of(by_pilot[ORACLE], kind)) for kind in FAULT_KINDS]
     groups = {pilot: [_of(flights, kind) for kind in FAULT_KINDS] for pilot, flights in by_pilot.items()}
     shares = {
         pilot: [100.0 * np.mean(_all(one, "success")) if one else np.nan for one in those]

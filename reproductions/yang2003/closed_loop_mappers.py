@@ -1,10 +1,10 @@
 """Does the choice of the mapper matter where it is used? Orion's rendezvous with each of them.
 
 `OrionRendezvous-v0` in six degrees of freedom, with coupling loss, scatter and sensor noise, flown by one
-controller with each mapper in the place of the linear program, on the same validation seeds. The source
-flies open loop (E31 and E32, rows of this table too); this controller plans anew from what it measures, and
-so makes up for what a mapper fell short of. No faults here. The controller's filter knows the coupling
-whatever the mapper knows, and takes the on-times from the observation.
+controller with each mapper in the place of the linear program, on the same validation seeds. The source flies
+open loop (E31 and E32, rows of this table too); this controller plans anew from what it measures, and so
+makes up for what a mapper fell short of. No faults here. The controller's filter knows the coupling whatever
+the mapper knows, and takes the on-times from the observation.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Row:
 
     name: str  # as the table calls it
     make: Make  # makes it for a spacecraft
-    told: str = ""  # what it knows besides the command and the healthy effectiveness
+    knows: str = ""  # what it knows besides the command and the healthy effectiveness
     share: float = 1.0  # of the flights, if it takes too long to fly them all; rounded down
 
 
@@ -138,10 +138,8 @@ ROWS = (
     "closed-loop-mappers",
     lines="section 6.3 (E31, E32), ours in six degrees of freedom",
     reported="nothing: the source flies open loop",
-    criterion=(
-        "over 90 % arrive with the linear program, compensated or not; what separates mappers is firing "
-        "time, and rare plans"
-    ),
+    criterion="over 90 % arrive with the linear program, compensated or not; what separates mappers is "
+    "firing time, and rare plans",
 )
 def study(effort: Effort) -> Finding:
     """Orion's rendezvous flown with each mapper in the loop."""
@@ -183,15 +181,13 @@ def study(effort: Effort) -> Finding:
             "the clipped pseudo-inverse brings none home": not clipped.success.any(),
         },
         beyond_source=True,
-        note=(
-            "The same controller and the same seeds for all. It plans anew every few periods while it burns, "
-            "and what a mapper falls short of is in the next measurement, so that the next plan asks for it "
-            "again: the loss hardly matters where plans are frequent, and does where they are rare. In the "
-            "second table the plan burns with four thrusters at once, as the source's does; in the first it "
-            "keeps to the firing time of two. Making up for the loss of four takes more firing than burning "
-            "with fewer for longer, as plans made anew do without compensation; it pays if plans are rare. "
-            f"The integer program, which takes long, flies {100.0 * INTEGER.share:.0f} % of the seeds."
-        ),
+        note="The same controller and the same seeds for all. It plans anew every few periods while it "
+        "burns, and what a mapper falls short of is in the next measurement, so that the next plan asks for "
+        "it again: the loss hardly matters where plans are frequent, and does where they are rare. In the "
+        "second table the plan burns with four thrusters at once, as the source's does; in the first it "
+        "keeps to the firing time of two. Making up for the loss of four takes more firing than burning with "
+        "fewer for longer, as plans made anew do without compensation; it pays if plans are rare. The "
+        f"integer program, which takes long, flies {100.0 * INTEGER.share:.0f} % of the seeds.",
         data={
             "mappers": {name: _data(flights) for name, flights in flown.items()},
             "open loop": {name: asdict(end) for name, end in open_loop.items()},
@@ -234,7 +230,7 @@ def fly_seldom_planned(flights: int, orbits: float) -> dict[str, list[Flights]]:
 
 
 def _table_of_mappers(flown: Mapping[str, Flights], open_loop: Mapping[str, Followed]) -> Table:
-    told = {row.name: row.told or "-" for row in ROWS}
+    knows = {row.name: row.knows or "-" for row in ROWS}
     usual = flown[LINEAR_PROGRAM.name]
     closed = Table.of(
         "OrionRendezvous-v0 flown with each mapper, healthy, with coupling, scatter and noise (medians over "
@@ -242,7 +238,7 @@ def _table_of_mappers(flown: Mapping[str, Flights], open_loop: Mapping[str, Foll
         flown,
         {
             "mapper": "{0}",
-            "knows of": lambda name, _: told[name],
+            "knows of": lambda name, _: knows[name],
             "flights": "{1.miss.size}",
             "in the box, % (95 % interval)": lambda _, one: _rate(one.success),
             "lost, %": lambda _, one: f"{100.0 * one.lost.mean():.0f}",

@@ -63,7 +63,7 @@ class Found:
     thruster: int  # from 1
     kind: str  # as `thruster_envs.faults.KINDS`
     share: float  # believed from then on
-    since: int  # seconds of firing since this thruster first failed to fire as told, this one included
+    since: int  # seconds of firing since this thruster first failed to fire as commanded, this one included
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def fly(
     *,
     deviation: float = np.inf,
     diagnosis: bool = False,
-    told: bool = False,
+    known: bool = False,
     taken_back: float = 0.0,
     coupling: float = 0.0,
 ) -> Flight:
@@ -147,7 +147,7 @@ def fly(
         failures: What fails.
         deviation: From the plan, m, beyond which it is made anew.
         diagnosis: Whether the pilot looks for failures, and plans anew with what it finds.
-        told: Whether the pilot hears of each failure as it begins, and plans anew.
+        known: Whether the pilot knows each failure as it begins, and plans anew.
         taken_back: What share of the rotation at the start of a period its command takes back. The angle that
             builds up meanwhile is left out, as all of attitude is.
         coupling: Share of thrust lost per further thruster open; the mapper does not make up for it.
@@ -160,11 +160,11 @@ def fly(
     watch = _Watch(failures)
     states, rate_changes, on_times = [START], np.zeros((STEPS, 6)), np.zeros((STEPS, NOMINAL.shape[1]))
     delivered, rate = np.zeros_like(on_times), np.zeros(3)
-    plans = [(0, as_built(START, STEPS))] if not told else []
-    anew = told
+    plans = [(0, as_built(START, STEPS))] if not known else []
+    anew = known
     for k in range(STEPS):
         left = shares(failures, k + 1)
-        if told and any(one.period == k + 1 for one in failures):
+        if known and any(one.period == k + 1 for one in failures):
             watch.believed, anew = NOMINAL * left, True
         if anew:
             planner = as_built if np.array_equal(watch.believed, NOMINAL) else damaged
@@ -213,16 +213,16 @@ class _Watch:
         """Watch a period; whether anything was found in it."""
         before = len(self.found)
         for number in range(round(PERIOD / SECOND)):
-            told = np.clip(on_times - number * SECOND, 0.0, SECOND)
-            if told.any():
-                self._test(period, number + 1, told, left)
+            commanded = np.clip(on_times - number * SECOND, 0.0, SECOND)
+            if commanded.any():
+                self._test(period, number + 1, commanded, left)
         return len(self.found) > before
 
-    def _test(self, period: int, number: int, told: FloatArray, left: FloatArray) -> None:
+    def _test(self, period: int, number: int, commanded: FloatArray, left: FloatArray) -> None:
         for thruster in self._failing_for:
-            self._failing_for[thruster] += int(told[thruster - 1] > 0.0 and left[thruster - 1] < 1.0)
-        measured = NOMINAL @ (left * told)
-        diagnosis = self._detector.update(told, measured, SECOND)
+            self._failing_for[thruster] += int(commanded[thruster - 1] > 0.0 and left[thruster - 1] < 1.0)
+        measured = NOMINAL @ (left * commanded)
+        diagnosis = self._detector.update(commanded, measured, SECOND)
         interval = self._detector.last
         assert interval is not None
         time, expected = (period - 1) * PERIOD + number * SECOND, measured - interval.residual[0]

@@ -30,10 +30,8 @@ def seconds_each(method: str, condition: str, count: int) -> np.ndarray:
 @reproduces(
     "E15",
     lines="Fig. 10, L606-611",
-    reported=(
-        "at most 20 % faster than the iterations with rotation or translation alone, much faster on six axes "
-        "(values not readable)"
-    ),
+    reported="at most 20 % faster than the iterations with rotation or translation alone, much faster on six "
+    "axes (values not readable)",
     criterion="times on the same commands; the ordering is not expected to hold with solvers of today",
     alone=True,
 )

@@ -53,26 +53,20 @@ def coupling_loss(effort: Effort) -> Finding:
         ),
     )
     return Finding(
-        ours=(
-            f"{100.0 * mean_loss[5]:.3g} % lost by each of six; {100.0 * slope:.3g} % for each further "
-            f"thruster; scatter up to {100.0 * scatter.max():.3g} %"
-        ),
+        ours=f"{100.0 * mean_loss[5]:.3g} % lost by each of six; {100.0 * slope:.3g} % for each further "
+        f"thruster; scatter up to {100.0 * scatter.max():.3g} %",
         checks={
             "each of six loses 30 % in the mappers' model": abs(believed[5] - REPORTED_SIX) < ROUND_OFF,
             "each further thruster costs 6 % there": np.abs(believed - law).max() < ROUND_OFF,
             "what is flown agrees, to four standard errors": (np.abs(mean_loss - law) <= 4.0 * error).all(),
             "scatter is within 10 %": scatter.max() <= REPORTED_SCATTER + ROUND_OFF,
         },
-        correction=(
-            f"the section on the integer program has {100.0 * REPORTED_INTEGER_SLOPE} % for each further "
-            f"thruster, which makes {500.0 * REPORTED_INTEGER_SLOPE:.3g} % of six; everywhere else it is "
-            f"{100.0 * REPORTED_SLOPE:.2g} %"
-        ),
-        note=(
-            f"{fired.shape[0] * COUNT} firings of a whole period through the environments' physics. That "
-            "the line goes on beyond the six of the test is an assumption; with twelve open it leaves "
-            f"{100.0 * (1.0 - law[-1]):.3g} % of the thrust."
-        ),
+        correction=f"the section on the integer program has {100.0 * REPORTED_INTEGER_SLOPE} % for each "
+        f"further thruster, which makes {500.0 * REPORTED_INTEGER_SLOPE:.3g} % of six; everywhere else it is "
+        f"{100.0 * REPORTED_SLOPE:.2g} %",
+        note=f"{fired.shape[0] * COUNT} firings of a whole period through the environments' physics. That "
+        "the line goes on beyond the six of the test is an assumption; with twelve open it leaves "
+        f"{100.0 * (1.0 - law[-1]):.3g} % of the thrust.",
         data={"mean_loss": mean_loss, "standard_error": error, "slope": slope, "largest_scatter": scatter},
         tables=(table,),
         figure=lambda: _draw(mean_loss, law),

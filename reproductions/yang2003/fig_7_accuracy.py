@@ -20,14 +20,10 @@ COLOURS = dict(zip(METHODS, (INK, ORANGE, BLUE, GREEN, PURPLE), strict=True))
 @reproduces(
     "E11",
     lines="Fig. 7, L581-592",
-    reported=(
-        "II always converges; I does well with rotation or translation alone and not reliably on six axes; "
-        "the integer program is worse throughout (values not readable)"
-    ),
-    criterion=(
-        "the same ordering: II below 0.2 %, I failing on six axes only, integer program far worse, "
-        "10 to 25 % missing without compensation"
-    ),
+    reported="II always converges; I does well with rotation or translation alone and not reliably on six "
+    "axes; the integer program is worse throughout (values not readable)",
+    criterion="the same ordering: II below 0.2 %, I failing on six axes only, integer program far worse, "
+    "10 to 25 % missing without compensation",
 )
 def accuracy(effort: Effort) -> Finding:
     """Accuracy of methods I and II and of the integer program."""

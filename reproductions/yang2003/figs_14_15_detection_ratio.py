@@ -119,10 +119,8 @@ def _leads(curves: Curves) -> bool:
 @reproduces(
     "E23",
     lines="Fig. 14, L1182-1194",
-    reported=(
-        "falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
-        "on the estimate matches it (values not readable)"
-    ),
+    reported="falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
+    "on the estimate matches it (values not readable)",
     criterion="the ratio falls with both noises; the likelihood ratio is at the top or tied",
 )
 def against_noise(effort: Effort) -> Finding:

@@ -75,7 +75,7 @@ def isolation_times(
 
     An estimate names its thruster at a lost share of `level`; `factor` is on the calibrated thresholds.
     """
-    told, change, thruster = fly(conditions, flights, SEED, WATCHED)
+    commanded, change, thruster = fly(conditions, flights, SEED, WATCHED)
     settings = conditions.filter_settings()
     limits = {name: factor * value for name, value in calibrated(flights).items()}
     settled = {name: one(EFFECTIVENESS, limits[name], vehicles=flights, **settings)
@@ -85,8 +85,8 @@ def isolation_times(
     )
     suspects = {name: np.zeros((flights, THRUSTERS), np.bool_) for name in CHI_SQUARED}
     waiting = {name: np.full(flights, np.inf) for name in METHODS}
-    for t in range(len(told)):
-        said = {name: one.update(told[t], change[t], 1.0) for name, one in settled.items()}
+    for t in range(len(commanded)):
+        said = {name: one.update(commanded[t], change[t], 1.0) for name, one in settled.items()}
         if t < ONSET:
             continue
         lost = said[ESTIMATE].suspicion
@@ -98,10 +98,10 @@ def isolation_times(
             suspects[name][alarm] = _suspects(said[name].suspicion, limits[name])[alarm]
             names[name] = _most(lost, suspects[name] & (lost > level))
             if name in RAISED:
-                shares = raised.update(told[t], change[t], 1.0).suspicion
+                shares = raised.update(commanded[t], change[t], 1.0).suspicion
                 names[RAISED] = _most(shares, suspects[name] & (shares > level))
-        for name, blamed in names.items():
-            right = (blamed == thruster) & np.isinf(waiting[name])
+        for name, isolated in names.items():
+            right = (isolated == thruster) & np.isinf(waiting[name])
             waiting[name][right] = t - ONSET + 1
     return waiting
 
@@ -129,10 +129,8 @@ def _lead(points: Times, method: str) -> float:
 @reproduces(
     "E25",
     lines="Fig. 16, L1196-1206",
-    reported=(
-        "the likelihood ratio faster than the others by three times at least, up to ten and more; "
-        "times change less than ratios (values not readable)"
-    ),
+    reported="the likelihood ratio faster than the others by three times at least, up to ten and more; "
+    "times change less than ratios (values not readable)",
     criterion="the same, where the others wait for an estimate below 80 % of nominal",
 )
 def against_noise(effort: Effort) -> Finding:

@@ -72,10 +72,8 @@ def _above(statistics: FloatArray, threshold: float) -> Rate:
 @reproduces(
     "E35",
     lines="Fig. 25, L1413-1418",
-    reported=(
-        "none above 3e-5; doubling the scatter causes far more than doubling measurement errors; "
-        "none in any run at 5.5e-5"
-    ),
+    reported="none above 3e-5; doubling the scatter causes far more than doubling measurement errors; "
+    "none in any run at 5.5e-5",
     criterion="none above 3e-5 in 100,000 firings; scatter matters more; at 5.5e-5 next to none",
 )
 def false_alarms(effort: Effort) -> Finding:
@@ -207,10 +205,8 @@ def _firings(rng: np.random.Generator, count: int, own: float, rest: float) -> t
 @reproduces(
     "E36",
     lines="Fig. 26, L1420-1429",
-    reported=(
-        "virtually 100 % from 1.5 s and 10 % of all on-time on; virtually none below 0.8 s; more "
-        "than 1 s at less than 8 % impossible"
-    ),
+    reported="virtually 100 % from 1.5 s and 10 % of all on-time on; virtually none below 0.8 s; more "
+    "than 1 s at less than 8 % impossible",
     criterion="nearly all from 1.5 s and 10 % on, nearly none where the signature is within the noise",
 )
 def half_loss(effort: Effort) -> Finding:

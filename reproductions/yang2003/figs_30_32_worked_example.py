@@ -54,8 +54,8 @@ def residual(effort: Effort) -> Finding:
     sigmas = np.abs(missing) / deviation
     table = Table("Rate change", ("axis", "expected", "measured", "healthy deviation"), rows)
     return Finding(
-        ours=f"expected {named(expected, '.1f', 1e3)}, measured {named(measured, '.1f', 1e3)} (mm/s, mrad/s); off by up to "
-        f"{sigmas.max():.0f} standard deviations of a healthy firing",
+        ours=f"expected {named(expected, '.1f', 1e3)}, measured {named(measured, '.1f', 1e3)} (mm/s, "
+        f"mrad/s); off by up to {sigmas.max():.0f} standard deviations of a healthy firing",
         checks={
             "the sound firing turns nothing": np.allclose(expected[3:], 0.0),
             "what is missing is the column of thruster 1": np.allclose(missing, EFFECTIVENESS[:, DEAD - 1]),
@@ -100,7 +100,9 @@ def ratios(effort: Effort) -> Finding:
             "thruster 1 is highest, thruster 10 second": order[0] == 1 and order[1] == 10,
             "the highest is the square of its column over R": np.isclose(values[0], closed),
             "it is above the threshold": values[0] > SOURCE_THRESHOLD,
-            "the difference is what the angle between the columns gives": np.isclose(gap, closed * (1.0 - along)),
+            "the difference is what the angle between the columns gives": (
+                np.isclose(gap, closed * (1.0 - along))
+            ),
             "without a fault the average is 0.5e-6 to 10e-6": 5e-7 < noise.mean() < 1e-5,
         },
         data={"statistics": values, "healthy mean": noise.mean(), "Y of the reported gap": needed},

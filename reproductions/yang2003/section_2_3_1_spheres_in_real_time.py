@@ -50,22 +50,18 @@ def in_real_time(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"{1e6 * np.median(times['linear program']):.3g} µs in the median, {1e6 * slow:.3g} µs at the "
-            f"99.9th percentile of {len(picked)} calls; the same controller flies both maps to within "
-            f"{max(ends.values()):.1g} m and rad"
-        ),
+        ours=f"{1e6 * np.median(times['linear program']):.3g} µs in the median, {1e6 * slow:.3g} µs at the "
+        f"99.9th percentile of {len(picked)} calls; the same controller flies both maps to within "
+        f"{max(ends.values()):.1g} m and rad",
         checks={
             "99.9 % of the solves take less than a hundredth of the 50 ms": slow < SMALL_SHARE * LOOP_PERIOD,
             "and the slowest takes less than 50 ms": slowest < LOOP_PERIOD,
             "with either map the same controller comes to rest": max(ends.values()) < AT_REST,
         },
-        note=(
-            f"On {processor()}; in the slowest call is what else the computer had to do. What SPHERES' "
-            f"own computer would take is not known. {effort.flights} craft return from up to 0.5 m and "
-            "0.5 rad on each axis. Both maps stand behind one call, and the loop does not know which it has. "
-            "Vehicle and gains are external: the source gives none."
-        ),
+        note=f"On {processor()}; in the slowest call is what else the computer had to do. What SPHERES' "
+        f"own computer would take is not known. {effort.flights} craft return from up to 0.5 m and "
+        "0.5 rad on each axis. Both maps stand behind one call, and the loop does not know which it has. "
+        "Vehicle and gains are external: the source gives none.",
         data={
             name: {
                 "median_seconds": float(np.median(times[name])),

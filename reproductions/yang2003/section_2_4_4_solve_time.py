@@ -52,10 +52,8 @@ def solve_time(effort: Effort) -> Finding:
         ),
     )
     return Finding(
-        ours=(
-            f"{1e6 * mean:.3g} µs on this computer; {in_flight.mean():.2g} s at the source's rate of "
-            "operations"
-        ),
+        ours=f"{1e6 * mean:.3g} µs on this computer; {in_flight.mean():.2g} s at the source's rate of "
+        "operations",
         checks={
             "here a solve takes less than 0.01 s on average": mean < CLAIMED,
             "and so do 99 % of the solves": slow < CLAIMED,
@@ -66,10 +64,8 @@ def solve_time(effort: Effort) -> Finding:
             if contradicts
             else ""
         ),
-        note=(
-            f"{effort.samples} commands, uniform in a box of 15 % of the authority on each of the six axes, "
-            f"one call for each, on {processor()}. The flight computer is a StrongARM at 200 MHz."
-        ),
+        note=f"{effort.samples} commands, uniform in a box of 15 % of the authority on each of the six axes, "
+        f"one call for each, on {processor()}. The flight computer is a StrongARM at 200 MHz.",
         data={
             "mean": mean,
             "median": float(np.median(times)),

@@ -2,8 +2,9 @@
 
 The source reports a gain of 20 % on average for skewed errors, and proves that there is none for symmetric
 ones. It does not say how skewed. Here the true command is uniform in an interval around the given one, on
-each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other. What is missed of it is,
-with the plain program and with the robust one, w (1 + s^2) / 2 and w / 2 on average, w (1 + s) and w at worst.
+each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other. What is missed of it,
+with the plain program and with the robust one, is w (1 + s^2) / 2 and w / 2 on average, w (1 + s) and w at
+worst.
 """
 
 from __future__ import annotations
@@ -89,10 +90,8 @@ class Misses:
     "E16",
     lines="L689, L855",
     reported="on average 20 % nearer to the true command; with symmetric errors the plain solution",
-    criterion=(
-        "nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
-        "case; the same on-times for symmetric ones"
-    ),
+    criterion="nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
+    "case; the same on-times for symmetric ones",
 )
 def skewed(effort: Effort) -> Finding:
     """Robust program for an uncertain command: gain with skewed errors."""
@@ -113,24 +112,20 @@ def skewed(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"{100.0 * usual.gain:.3g} % nearer on average and {100.0 * usual.worst_gain:.3g} % at worst "
-            f"with independent ends; {100.0 * half.gain:.3g} and {100.0 * half.worst_gain:.3g} % with "
-            "half-skewed intervals; the same on-times for symmetric ones"
-        ),
+        ours=f"{100.0 * usual.gain:.3g} % nearer on average and {100.0 * usual.worst_gain:.3g} % at worst "
+        f"with independent ends; {100.0 * half.gain:.3g} and {100.0 * half.worst_gain:.3g} % with "
+        "half-skewed intervals; the same on-times for symmetric ones",
         checks={
             "nearer on average, by more than four standard errors": float(difference.mean()) > 4.0 * error,
             "20 % lies between mean and worst case": usual.gain <= REPORTED_GAIN <= usual.worst_gain,
             "for symmetric intervals both fire alike": bool(none.same.all()),
         },
-        note=(
-            f"Miss: sum over axes, in shares of authority. {difference.size} commands of each kind, uniform "
-            f"in a box of {100.0 * REACH:.0f} % of Orion's authority, intervals up to {200.0 * WIDEST:.0f} % "
-            "wide. With independent ends the robust one is nearer in "
-            f"{100.0 * nearer / difference.size:.1f} % of the cases (95 % interval {100.0 * low:.1f} to "
-            f"{100.0 * high:.1f}). The source does not say how skewed its errors were; in closed form 20 % "
-            "is the mean gain at a skewness of a half, and the worst-case gain at a quarter."
-        ),
+        note=f"Miss: sum over axes, in shares of authority. {difference.size} commands of each kind, uniform "
+        f"in a box of {100.0 * REACH:.0f} % of Orion's authority, intervals up to {200.0 * WIDEST:.0f} % "
+        "wide. With independent ends the robust one is nearer in "
+        f"{100.0 * nearer / difference.size:.1f} % of the cases (95 % interval {100.0 * low:.1f} to "
+        f"{100.0 * high:.1f}). The source does not say how skewed its errors were; in closed form 20 % "
+        "is the mean gain at a skewness of a half, and the worst-case gain at a quarter.",
         data={
             name: {
                 "gain": one.gain,
@@ -172,10 +167,8 @@ def symmetric(effort: Effort) -> Finding:
     ]
     has_none = by_highs(commands[0], half_widths[0], mapper, as_printed=True) is None
     return Finding(
-        ours=(
-            f"on-times at most {apart:.1g} s apart over {effort.samples} commands, of which "
-            f"{int(met.sum())} can be met; their worst miss is the half width to {beyond:.1g}"
-        ),
+        ours=f"on-times at most {apart:.1g} s apart over {effort.samples} commands, of which "
+        f"{int(met.sum())} can be met; their worst miss is the half width to {beyond:.1g}",
         checks={
             "both programs fire alike": apart <= 1e-9,
             "where the command can be met the worst miss is the half width": float(beyond) <= 1e-9,
@@ -187,10 +180,8 @@ def symmetric(effort: Effort) -> Finding:
             if has_none
             else ""
         ),
-        note=(
-            "The proof is the source's; this tests that the mapper does what it says. Commands that cannot "
-            "be met are no exception: both programs give up the same of them."
-        ),
+        note="The proof is the source's; this tests that the mapper does what it says. Commands that cannot "
+        "be met are no exception: both programs give up the same of them.",
         data={
             "largest_difference_of_on_times": apart,
             "largest_difference_with_attitude_error": turned_apart,

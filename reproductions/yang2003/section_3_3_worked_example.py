@@ -83,11 +83,9 @@ def worked_example(effort: Effort) -> Finding:
             if misprint[1, 0] > EXACT and np.count_nonzero(misprint > EXACT) == 1
             else ""
         ),
-        note=(
-            f"With one slack for all axes in place of three the on-times are {named(largest.on_times)} s, "
-            f"and the largest miss is {worst_of_largest.max():.3g}. The source gives no solution to compare "
-            "with. Two thrusters leave a direction of the three out of reach; the command does not need it."
-        ),
+        note=f"With one slack for all axes in place of three the on-times are {named(largest.on_times)} s, "
+        f"and the largest miss is {worst_of_largest.max():.3g}. The source gives no solution to compare "
+        "with. Two thrusters leave a direction of the three out of reach; the command does not need it.",
         data={
             "upper": upper,
             "lower": lower,

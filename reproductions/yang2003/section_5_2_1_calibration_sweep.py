@@ -37,10 +37,8 @@ THRUST_ERROR = 0.02  # one sigma of each thruster's own thrust, in the sweeps th
     "E51",
     lines="section 5.2.1, L1058",
     reported="announced for chapter 6, not shown",
-    criterion=(
-        "errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % of "
-        "thrusters at one false alarm in 1,000"
-    ),
+    criterion="errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % "
+    "of thrusters at one false alarm in 1,000",
 )
 def misalignment(effort: Effort) -> Finding:
     """Calibration sweep for initial misalignment."""
@@ -70,8 +68,8 @@ def misalignment(effort: Effort) -> Finding:
         },
     )
     found = Table.of(
-        f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of {PULSES[-1]:g} s, "
-        f"threshold for {FALSE_ALARMS:g} false alarms)",
+        f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of {PULSES[-1]:g} "
+        f"s, threshold for {FALSE_ALARMS:g} false alarms)",
         flagged,
         {
             "tilt, degrees": "{0:g}",
@@ -79,11 +77,9 @@ def misalignment(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"three firings of 5 s each: thrust to {100.0 * deviations[_THREE_OF_5_S][2]:.1f} %, tilt to "
-            f"{deviations[_THREE_OF_5_S][3]:.2f} degrees; normalised squared errors of {size} entries "
-            f"average {squares.mean():.1f}; {FOUND:g} degrees found in {flagged[FOUND]} of {trials} thrusters"
-        ),
+        ours=f"three firings of 5 s each: thrust to {100.0 * deviations[_THREE_OF_5_S][2]:.1f} %, tilt to "
+        f"{deviations[_THREE_OF_5_S][3]:.2f} degrees; normalised squared errors of {size} entries "
+        f"average {squares.mean():.1f}; {FOUND:g} degrees found in {flagged[FOUND]} of {trials} thrusters",
         checks={
             "the mean squared error is what the covariance says, within four of its deviations": (
                 abs(squares.mean() - size) < 4.0 * spread
@@ -94,10 +90,8 @@ def misalignment(effort: Effort) -> Finding:
             ),
         },
         beyond_source=True,
-        note=(
-            "Scatter from firing to firing bounds what can be known of a thrust, however long the pulse: "
-            "only more firings help. For a tilt, longer pulses help too."
-        ),
+        note="Scatter from firing to firing bounds what can be known of a thrust, however long the pulse: "
+        "only more firings help. For a tilt, longer pulses help too.",
         data={
             "deviations": deviations,
             "mean normalised square": squares.mean(),
@@ -110,7 +104,7 @@ def misalignment(effort: Effort) -> Finding:
     )
 
 
-def _tilted(rng: np.random.Generator, degrees: float) -> FloatArray:
+def _misaligned(rng: np.random.Generator, degrees: float) -> FloatArray:
     """(6, n): every thruster of Orion turned by this angle about a random axis across its thrust."""
     columns = []
     inverse = np.linalg.inv(np.array(ORION.inertia))
@@ -138,7 +132,7 @@ def _fired(sweep: CalibrationSweep, effectiveness: FloatArray, rng: np.random.Ge
 
 def _normalised_square(sweep: CalibrationSweep, rng: np.random.Generator) -> float:
     """Squared error of one sweep, weighed by the inverse of the stated covariance."""
-    true = _tilted(rng, float(rng.uniform(0.0, ANGLES[-1])))
+    true = _misaligned(rng, float(rng.uniform(0.0, ANGLES[-1])))
     true *= 1.0 + THRUST_ERROR * rng.normal(size=true.shape[1])
     answer = sweep.estimate(_fired(sweep, true, rng))
     error = (answer.effectiveness - true).T.ravel()
@@ -150,7 +144,7 @@ def _flagged(
 ) -> int:
     """How many thrusters exceed the threshold in so many sweeps in which all are tilted by this angle."""
     return sum(
-        int((sweep.estimate(_fired(sweep, _tilted(rng, degrees), rng)).statistic > threshold).sum())
+        int((sweep.estimate(_fired(sweep, _misaligned(rng, degrees), rng)).statistic > threshold).sum())
         for _ in range(sweeps)
     )
 

@@ -30,10 +30,8 @@ REACHED = 1e-3  # m and mm/s
 @reproduces(
     "E30",
     lines="L1288-1293, L1349-1353, L1438",
-    reported=(
-        "least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
-        "10, 12; full power on both axes for 10 to 15 periods"
-    ),
+    reported="least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
+    "10, 12; full power on both axes for 10 to 15 periods",
     criterion="all of that, at rest on the target, within 2 % of the delta-v of two impulses",
 )
 def planned(effort: Effort) -> Finding:
@@ -66,10 +64,8 @@ def planned(effort: Effort) -> Finding:
         }
     )
     return Finding(
-        ours=(
-            f"{plan.delta_v:.4f} m/s ({by_axis[0]:.4f} radial, {by_axis[1]:.4f} along-track), "
-            f"{plan.firing_time:.1f} thruster-s; both axes at full power for {both} periods"
-        ),
+        ours=f"{plan.delta_v:.4f} m/s ({by_axis[0]:.4f} radial, {by_axis[1]:.4f} along-track), "
+        f"{plan.firing_time:.1f} thruster-s; both axes at full power for {both} periods",
         checks={
             "it arrives at rest": np.abs(plan.miss).max() < REACHED,
             "burns on each axis of the plane at the beginning and at the end, none between": all(
@@ -89,10 +85,8 @@ def planned(effort: Effort) -> Finding:
                 least <= plan.delta_v <= 1.02 * least
             ),
         },
-        note=(
-            f"{STEPS} periods of {PERIOD:g} s, thrusters in use for at most {100.0 * SHARE:.0f} % of each. "
-            "Delta-v is the sum over axes of absolute rate changes, as Orion's thrusters deliver them."
-        ),
+        note=f"{STEPS} periods of {PERIOD:g} s, thrusters in use for at most {100.0 * SHARE:.0f} % of each. "
+        "Delta-v is the sum over axes of absolute rate changes, as Orion's thrusters deliver them.",
         data={
             "delta_v": plan.delta_v,
             "delta_v_by_axis": by_axis,

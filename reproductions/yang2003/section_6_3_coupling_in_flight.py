@@ -63,12 +63,10 @@ def no_compensation(effort: Effort) -> Finding:
             "without the loss the plan arrives": bool(np.linalg.norm(plan(SHARE).miss[:3]) < 1e-3),
             "with it the craft ends farther off than it began": end.miss > float(np.linalg.norm(START[:3])),
         },
-        note=(
-            "The source draws the flight and gives no figure. Ours counts the loss by overlap, as the source "
-            f"does elsewhere. In {uneven} of the {STEPS} periods thrusters are open for different times; if "
-            "all that are used lose to each other there for as long as they are open themselves (as in the "
-            f"source's integer program), the miss is {coarse.miss:.0f} m."
-        ),
+        note="The source draws the flight and gives no figure. Ours counts the loss by overlap, as the "
+        f"source does elsewhere. In {uneven} of the {STEPS} periods thrusters are open for different times; "
+        "if all that are used lose to each other there for as long as they are open themselves (as in the "
+        f"source's integer program), the miss is {coarse.miss:.0f} m.",
         data={"by overlap": asdict(end), "as if together": asdict(coarse), "uneven periods": uneven},
         figure=_draw,
     )
@@ -77,10 +75,8 @@ def no_compensation(effort: Effort) -> Finding:
 @reproduces(
     "E32",
     lines="L1364-1369",
-    reported=(
-        "arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last two "
-        "firings"
-    ),
+    reported="arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last "
+    "two firings",
     criterion="15 to 17 % longer; 18 % lost with four thrusters open; arrives",
 )
 def with_method_2(effort: Effort) -> Finding:
@@ -109,11 +105,9 @@ def with_method_2(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"{100.0 * more:.1f} % longer, {100.0 * more_with_room:.1f} % with a plan that leaves room; "
-            f"{100.0 * loss[4]:.0f} % lost with four open, {100.0 * loss[2]:.0f} % with two; "
-            f"final miss {beyond.miss:.1f} m"
-        ),
+        ours=f"{100.0 * more:.1f} % longer, {100.0 * more_with_room:.1f} % with a plan that leaves room; "
+        f"{100.0 * loss[4]:.0f} % lost with four open, {100.0 * loss[2]:.0f} % with two; "
+        f"final miss {beyond.miss:.1f} m",
         checks={
             "thrusters are open 15 to 17 % longer, with and without room in the plan": all(
                 abs(one - REPORTED_LONGER) <= 0.01 for one in (more, more_with_room)
@@ -127,11 +121,9 @@ def with_method_2(effort: Effort) -> Finding:
             else f"two thrusters lose {100.0 * loss[2]:.0f} % to each other by the source's own law, not "
             f"{100.0 * REPORTED_LOSS_OF_TWO:.0f} %, which would make it {100.0 * by_source:.1f} % longer"
         ),
-        note=(
-            f"The first burns take {beyond.longest:.2f} s of a period of {PERIOD:g} s, which the source does "
-            f"not mention. Cut at {PERIOD:g} s, method II falls short; the craft ends {cut.miss:.0f} m off. "
-            f"A plan that uses no more than {ROOM * PERIOD:.1f} s of a period can be made up for within it."
-        ),
+        note=f"The first burns take {beyond.longest:.2f} s of a period of {PERIOD:g} s, which the source "
+        f"does not mention. Cut at {PERIOD:g} s, method II falls short; the craft ends {cut.miss:.0f} m off. "
+        f"A plan that uses no more than {ROOM * PERIOD:.1f} s of a period can be made up for within it.",
         data={name: asdict(end) | {"longer": longer[name]} for name, end in flights.items()},
         tables=(table,),
     )

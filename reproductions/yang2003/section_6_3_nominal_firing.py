@@ -49,10 +49,8 @@ def on_times(effort: Effort) -> Finding:
             "nothing is left of the command": np.abs(allocation.slack).max() <= ROUND_OFF,
             "no other on-times do it with as little firing": (most - least).max() <= 1e-6,
         },
-        note=(
-            "That the optimum is unique is asked of HiGHS: it looks for the least and the largest on-time of "
-            "each thruster among all firings that meet the command in the same firing time."
-        ),
+        note="That the optimum is unique is asked of HiGHS: it looks for the least and the largest on-time "
+        "of each thruster among all firings that meet the command in the same firing time.",
         data={"on_times": fired, "slack": allocation.slack, "firing_time": firing_time},
         tables=(table,),
     )

@@ -48,18 +48,14 @@ def redundancy(effort: Effort) -> Finding:
         {"lost": "{0}"} | {name: (lambda _, one, k=k: f"{one[k]:.3g}") for k, name in enumerate(NAMES)},
     )
     return Finding(
-        ours=(
-            f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} of "
-            f"{len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each"
-        ),
+        ours=f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} "
+        f"of {len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each",
         checks={
             "after each single loss the mapper meets a command in each direction": kept.all(),
             "and HiGHS finds authority in each": (shares > 1e-6).all(),
         },
-        note=(
-            f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
-            f"direction away. They are {', '.join(f'{i} and {j}' for i, j in losing)}."
-        ),
+        note=f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
+        f"direction away. They are {', '.join(f'{i} and {j}' for i, j in losing)}.",
         data={
             "directions": NAMES,
             "healthy": healthy,

@@ -93,19 +93,15 @@ def attitude(effort: Effort) -> Finding:
     second_order = LPMapper(ORION)(commands).on_times @ NOMINAL.T - exact(commands).on_times @ NOMINAL.T
     moved = float((np.abs(second_order[:, :3]).max(axis=1) / size).max())
     return Finding(
-        ours=(
-            f"the same on-times to {beside.apart:.1g} s; of {commands.shape[0]} commands, {planned} of them "
-            f"the plan's, no on-times have a smaller largest error in {100.0 * beside.plain_is_best:.4g} %"
-        ),
+        ours=f"the same on-times to {beside.apart:.1g} s; of {commands.shape[0]} commands, {planned} of them "
+        f"the plan's, no on-times have a smaller largest error in {100.0 * beside.plain_is_best:.4g} %",
         checks={
             "the robust program fires as the plain one": beside.apart < 1e-9,
             "by HiGHS, no on-times have a smaller largest error": beside.plain_is_best == 1.0,
         },
-        note=(
-            "For small angles, as the source has them. With rotations of the full size the interval is not "
-            f"quite symmetric; the robust program then asks for up to {100.0 * moved:.2g} % of the command "
-            f"less or more on an axis, against the {100.0 * ONE_DEGREE:.2g} % that one degree turns aside."
-        ),
+        note="For small angles, as the source has them. With rotations of the full size the interval is not "
+        f"quite symmetric; the robust program then asks for up to {100.0 * moved:.2g} % of the command "
+        f"less or more on an axis, against the {100.0 * ONE_DEGREE:.2g} % that one degree turns aside.",
         data=_data(beside) | {"second_order": moved},
     )
 
@@ -145,11 +141,9 @@ def scatter(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"by axis, no on-times have a smaller largest error in {100.0 * usual.plain_is_best:.4g} % of "
-            f"{commands.shape[0]} commands, {planned} of them the plan's; together, in all of the plan's "
-            f"and in {100.0 * together.after(planned).plain_is_best:.3g} % of random ones"
-        ),
+        ours=f"by axis, no on-times have a smaller largest error in {100.0 * usual.plain_is_best:.4g} % of "
+        f"{commands.shape[0]} commands, {planned} of them the plan's; together, in all of the plan's "
+        f"and in {100.0 * together.after(planned).plain_is_best:.3g} % of random ones",
         checks={
             "for the plan's commands no on-times have a smaller largest error, by axis and together": all(
                 one.before(planned).plain_is_best == 1.0 for one in (usual, together)
@@ -168,12 +162,10 @@ def scatter(effort: Effort) -> Finding:
             if together.plain_is_best < 1.0
             else ""
         ),
-        note=(
-            "Taken by axis, what a second of firing adds to the largest error is the same share of authority "
-            "for each of Orion's thrusters, so that least firing is least error, until it is better to leave "
-            "a part of a command than to serve it with such thrusters. Together, errors of a thruster on its "
-            "axes may cancel with those of another, and which thrusters serve a command makes a difference."
-        ),
+        note="Taken by axis, what a second of firing adds to the largest error is the same share of "
+        "authority for each of Orion's thrusters, so that least firing is least error, until it is better to "
+        "leave a part of a command than to serve it with such thrusters. Together, errors of a thruster on "
+        "its axes may cancel with those of another, and which thrusters serve a command makes a difference.",
         data={f"{size:g}, {measure}": _data(one) for (size, measure), one in found.items()},
         tables=(table,),
         figure=lambda: _draw(found),

@@ -54,12 +54,10 @@ def undetected(effort: Effort) -> Finding:
             "without the failure the plan arrives": healthy.miss < ARRIVED,
             "with it the craft ends farther off than it began": flown.miss > DISTANCE,
         },
-        note=(
-            "The source draws the flight and gives no figure. Its caption calls the failure one of 50 % in "
-            "the radial direction, its text a failure of thruster 1, which is half of the authority in -x. "
-            "Attitude is left out as in the source; nothing would hold it, and by the end of the flight "
-            f"the body would turn at {turning:.1f} rad/s, so that the drawn path could not be flown."
-        ),
+        note="The source draws the flight and gives no figure. Its caption calls the failure one of 50 % in "
+        "the radial direction, its text a failure of thruster 1, which is half of the authority in -x. "
+        "Attitude is left out as in the source; nothing would hold it, and by the end of the flight "
+        f"the body would turn at {turning:.1f} rad/s, so that the drawn path could not be flown.",
         data={
             "miss": flown.miss,
             "speed": flown.speed,
@@ -78,7 +76,7 @@ def undetected(effort: Effort) -> Finding:
 )
 def feedback(effort: Effort) -> Finding:
     """Feedback without diagnosis (Fig. 29)."""
-    blind, told = fly(LOST), fly(LOST, told=True)
+    blind, known = fly(LOST), fly(LOST, known=True)
     usual = fly(LOST, deviation=DEVIATION)
     flights = {
         (deviation, coupling): fly(LOST, deviation=deviation, coupling=coupling)
@@ -98,14 +96,12 @@ def feedback(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"{usual.replans} plans anew, {usual.miss:.1f} m off at the end, commanded delta-v "
-            f"{usual.delta_v:.2f} m/s; {min(counts)} to {max(counts)} plans anew by what else is assumed"
-        ),
+        ours=f"{usual.replans} plans anew, {usual.miss:.1f} m off at the end, commanded delta-v "
+        f"{usual.delta_v:.2f} m/s; {min(counts)} to {max(counts)} plans anew by what else is assumed",
         checks={
             f"it ends within {NEAR:g} m of the target": usual.miss < NEAR,
             "and a tenth as far off as without feedback": usual.miss < 0.1 * blind.miss,
-            "it takes more delta-v than with the failure known": usual.delta_v > told.delta_v,
+            "it takes more delta-v than with the failure known": usual.delta_v > known.delta_v,
             "more than five plans anew are among the counts": max(counts) > REPORTED_REPLANS,
         },
         not_reproducible=(
@@ -133,7 +129,7 @@ def feedback(effort: Effort) -> Finding:
 )
 def diagnosed(effort: Effort) -> Finding:
     """The failure diagnosed and the plan made anew (Fig. 33)."""
-    flight, told = fly(LOST, diagnosis=True), fly(LOST, told=True)
+    flight, known = fly(LOST, diagnosis=True), fly(LOST, known=True)
     (failure,) = LOST
     named = [(one.thruster, one.kind) for one in flight.found]
     first = flight.found[0]
@@ -141,11 +137,9 @@ def diagnosed(effort: Effort) -> Finding:
     shown = [one for one in flight.seconds if one.time <= begin + 4.0 * PERIOD]
     at_once = next(one for one in flight.seconds if one.time > begin)
     return Finding(
-        ours=(
-            f"named and identified ({first.kind}) after second {first.second} of period {first.period}; ends "
-            f"{flight.miss:.1g} m off, commanded delta-v {flight.delta_v:.3f} m/s, {flight.firing_time:.1f} "
-            "thruster-s"
-        ),
+        ours=f"named and identified ({first.kind}) after second {first.second} of period {first.period}; "
+        f"ends {flight.miss:.1g} m off, commanded delta-v {flight.delta_v:.3f} m/s, {flight.firing_time:.1f} "
+        "thruster-s",
         checks={
             "thruster 1 is named, found dead, and nobody else is named": named == [(1, "stuck_off")],
             "after the first second in which it should have fired": (
@@ -156,19 +150,17 @@ def diagnosed(effort: Effort) -> Finding:
                 np.argsort(at_once.ratio)[-2] == 9 and at_once.ratio[0] > at_once.ratio[9]
             ),
         },
-        note=(
-            "No noise in this flight; with noise, see E35 to E43. Whoever is told of the failure as it "
-            f"happens takes {told.delta_v:.3f} m/s and {told.firing_time:.1f} thruster-s: later is what the "
-            "rest of the period cost. By least firing time instead of least delta-v the plan would fire "
-            "less and move more."
-        ),
+        note="No noise in this flight; with noise, see E35 to E43. Whoever is told of the failure as it "
+        f"happens takes {known.delta_v:.3f} m/s and {known.firing_time:.1f} thruster-s: later is what the "
+        "rest of the period cost. By least firing time instead of least delta-v the plan would fire "
+        "less and move more.",
         data={
             "diagnosed": kept(flight),
-            "told": kept(told),
+            "told": kept(known),
             "residual": at_once.measured - at_once.expected,
             "likelihood_ratio": at_once.ratio,
         },
-        tables=(table({"diagnosed": flight, "told as it happens": told}),),
+        tables=(table({"diagnosed": flight, "told as it happens": known}),),
         figure=partial(_draw_ratios, {"as built": fly(), "diagnosed": flight}, shown),
     )
 
@@ -224,12 +216,10 @@ def fuel(effort: Effort) -> Finding:
         },
     )
     return Finding(
-        ours=(
-            f"commanded delta-v {blind.delta_v:.2f} to {knowing.delta_v:.2f} m/s, {100.0 * saved:.0f} % "
-            f"less; propellant {blind.burnt:.0f} to {knowing.burnt:.0f} thruster-s, {-100.0 * burnt:.0f} % "
-            f"more; with attitude {np.median(held[0].firing_time):.0f} to "
-            f"{np.median(held[1].firing_time):.0f} thruster-s"
-        ),
+        ours=f"commanded delta-v {blind.delta_v:.2f} to {knowing.delta_v:.2f} m/s, {100.0 * saved:.0f} % "
+        f"less; propellant {blind.burnt:.0f} to {knowing.burnt:.0f} thruster-s, {-100.0 * burnt:.0f} % "
+        f"more; with attitude {np.median(held[0].firing_time):.0f} to "
+        f"{np.median(held[1].firing_time):.0f} thruster-s",
         checks={
             "diagnosis saves commanded delta-v": saved > 0.0,
             "and ends nearer": knowing.miss < blind.miss,
@@ -246,14 +236,12 @@ def fuel(effort: Effort) -> Finding:
             if burnt < 0.0
             else ""
         ),
-        note=(
-            "The source draws two curves and gives no figure. Without attitude, the pilot that is not told "
-            "goes on burning with half of its radial thrust and pays nothing for the torque that the dead "
-            "thruster's partner leaves. In six degrees of freedom, with scatter, noise and coupling loss, "
-            f"holding the attitude costs that pilot firing too; diagnosis then takes {ratio:.2f} times its "
-            f"firing time (median over {count} test flights), against {knowing.burnt / blind.burnt:.2f} "
-            "times without attitude."
-        ),
+        note="The source draws two curves and gives no figure. Without attitude, the pilot that is not told "
+        "goes on burning with half of its radial thrust and pays nothing for the torque that the dead "
+        "thruster's partner leaves. In six degrees of freedom, with scatter, noise and coupling loss, "
+        f"holding the attitude costs that pilot firing too; diagnosis then takes {ratio:.2f} times its "
+        f"firing time (median over {count} test flights), against {knowing.burnt / blind.burnt:.2f} "
+        "times without attitude.",
         data={
             "hill": {name: kept(one) for name, one in flights.items()},
             "with_attitude": {

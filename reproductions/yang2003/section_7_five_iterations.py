@@ -4,8 +4,8 @@ The conclusions of the source name the number without a count. Here the whole ch
 test, model comparison in the interval of the alarm, and the believed effectiveness overwritten with what was
 found. An iteration is an interval of 1 s in which the thruster that fails is commanded to fire for as long as
 its loss takes to reach the threshold without noise, or more; three others, any, fire for up to 1 s. A fault
-is corrected once its thruster is believed to be within one level of the models of what it is, and stays so;
-a thruster that sticks on is not commanded, and counts once its kind is identified.
+is corrected once its thruster is believed to be within one level of the models of what it is, and stays so; a
+thruster that sticks on is not commanded, and counts once its kind is identified.
 """
 
 from __future__ import annotations

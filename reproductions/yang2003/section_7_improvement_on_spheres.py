@@ -36,10 +36,8 @@ def improvement(effort: Effort) -> Finding:
         [(rule, *map(percent, line.values())) for rule, line in gains.items()],
     )
     return Finding(
-        ours=(
-            f"{percent(min(all_gains))} to {percent(max(all_gains))} % of the command; more than "
-            f"{100.0 * REPORTED:g} % in {beyond} of {len(all_gains)} readings and sets of commands"
-        ),
+        ours=f"{percent(min(all_gains))} to {percent(max(all_gains))} % of the command; more than "
+        f"{100.0 * REPORTED:g} % in {beyond} of {len(all_gains)} readings and sets of commands",
         checks={
             "Table 3 comes out as far as it can": all(table.checks.values()),
             "for the library's crude map it is over 15 % on commands of every kind": (

@@ -1,10 +1,10 @@
 """Table 3: how far the linear program and SPHERES' crude map deviate from what the controller asks for.
 
 The source names neither the commands nor the rule of the crude map beyond "turned on the thrusters that are
-pointed in the direction of the desired motion". Deviation is the size of the miss over that of the command, in
-shares of authority. Commands of four kinds are drawn, all of which thrusters can meet. The crude rule is read
-in three ways: shared among the thrusters that help on the same axis (`CrudeMapper`), not shared, and all that
-help open for the same time, the one that comes nearest.
+pointed in the direction of the desired motion". Deviation is the size of the miss over that of the command,
+in shares of authority. Commands of four kinds are drawn, all of which thrusters can meet. The crude rule is
+read in three ways: shared among the thrusters that help on the same axis (`CrudeMapper`), not shared, and all
+that help open for the same time, the one that comes nearest.
 """
 
 from __future__ import annotations
@@ -54,25 +54,20 @@ def accuracy(effort: Effort) -> Finding:
         [(rule, *map(percent, line.values())) for rule, line in means.items()],
     )
     return Finding(
-        ours=(
-            f"linear program {percent(exact)} %; crude map {percent(min(crude))} to {percent(max(crude))} %, "
-            "by how its rule is read and by the commands"
-        ),
+        ours=f"linear program {percent(exact)} %; crude map {percent(min(crude))} to {percent(max(crude))} "
+        "%, by how its rule is read and by the commands",
         checks={
             "the linear program misses nothing of any command": exact < EXACT,
             "the crude map in the library does, of commands of every kind": (
                 min(means["crude, shared"].values()) > 0.01
             ),
         },
-        not_reproducible=(
-            f"the {100.0 * REPORTED_CRUDE:.4g} % of the crude map; neither its rule nor the commands are "
-            f"given, and readings of the rule lie {'on both sides' if within else 'on one side'} of it"
-        ),
-        note=(
-            "On this vehicle the effects of thrusters that help each other are at right angles, so that the "
-            "rule without sharing is exact, and the rule with sharing gives half of every command. Vehicle "
-            f"and gains of the loop are external. {effort.samples} commands of each kind."
-        ),
+        not_reproducible=f"the {100.0 * REPORTED_CRUDE:.4g} % of the crude map; neither its rule nor the "
+        f"commands are given, and readings of the rule lie {'on both sides' if within else 'on one side'} of "
+        "it",
+        note="On this vehicle the effects of thrusters that help each other are at right angles, so that the "
+        "rule without sharing is exact, and the rule with sharing gives half of every command. Vehicle "
+        f"and gains of the loop are external. {effort.samples} commands of each kind.",
         data={"mean_deviation": means},
         tables=(table,),
         figure=lambda: _draw(means),

@@ -71,20 +71,16 @@ def _vector(values: tuple[float, ...] | Array) -> str:
 )
 def method_one(effort: Effort) -> Finding:
     """Method I on the command [5, 1, 1, 0, 0, 0]."""
-    del effort
     return _follow(TABLE_4, DifferentialCompensationMapper)
 
 
 @reproduces(
     "E08",
     lines="Table 5, L541-551",
-    reported=(
-        "three rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], [4.928, 0.9676, 0.9676, 0, -0.033, 0.033], [4.99, "
-        "0.99, 0.99, 0, -0.01, 0.01]"
-    ),
+    reported="three rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], [4.928, 0.9676, 0.9676, 0, -0.033, 0.033], "
+    "[4.99, 0.99, 0.99, 0, -0.01, 0.01]",
     criterion="all three rounds to 0.01, on either of the two equally cheap vertices",
 )
 def method_two(effort: Effort) -> Finding:
     """Method II on the command [5, 1, 1, 0, 0, 0]."""
-    del effort
     return _follow(TABLE_5, AdditiveCompensationMapper)

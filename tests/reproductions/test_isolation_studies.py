@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from reproductions.cells import median
 from reproductions.fonod2013.fig_3_time_histories import history
 from reproductions.fonod2013.impossible_decoupling import _independent_rows, _ratio_errors
 from reproductions.fonod2013.isolation_study import Isolation, correlation, watched
 from reproductions.fonod2013.other_pilots import fixed_bias, law, minimum_fuel, stopping
-from reproductions.cells import median
 from reproductions.fonod2013.robustness import _medians
 from reproductions.fonod2013.worth_of_the_delay_model import DESIGNS, _noise, _silent
 from thruster_baselines.control import ApproachController, ApproachSettings
