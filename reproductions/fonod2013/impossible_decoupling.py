@@ -27,11 +27,7 @@ DELAY = 0.1  # s
 EIGENVALUES = (-0.49, -0.50, -0.51)  # rad/s, of the source
 FREQUENCIES = np.geomspace(1e-2, 1e3, 61)  # rad/s
 PAIRS_PER_SAMPLES = 100
-ALIGNMENTS = (
-    ("newtons", -0.5, 0.447),
-    ("force over mass", -0.5, 0.214),
-    ("force over mass", -10.0, 0.924),
-)
+ALIGNMENTS = (("newtons", -0.5, 0.447), ("force over mass", -0.5, 0.214), ("force over mass", -10.0, 0.924))
 """Units of the command, eigenvalue in rad/s, cosine that our draft has computed."""
 
 

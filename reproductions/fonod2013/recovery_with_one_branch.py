@@ -16,12 +16,7 @@ import numpy as np
 from reproductions.cells import percent, proportion
 from reproductions.figures import BLUE, INK, PURPLE, Figure, bars, panels, ticks
 from reproductions.fonod2013 import reproduces
-from reproductions.fonod2013.recovery import (
-    CALIBRATION_PER_EFFORT,
-    COLOURS,
-    FLIGHTS_PER_EFFORT,
-    WATCHERS,
-)
+from reproductions.fonod2013.recovery import CALIBRATION_PER_EFFORT, COLOURS, FLIGHTS_PER_EFFORT, WATCHERS
 from reproductions.fonod2013.recovery_flights import (
     ENDS,
     KINDS_OF_FAULT,

@@ -21,14 +21,7 @@ import torch
 from reproductions.record import Effort
 from reproductions.valdes2008.high_level_study import FOLLOWER, high_level
 from reproductions.valdes2008.integrated_study import integrated
-from reproductions.valdes2008.low_level_study import (
-    CLOSE,
-    HEALTHY_PULSES,
-    STOP,
-    VOLTAGES,
-    seeds_of,
-    trained,
-)
+from reproductions.valdes2008.low_level_study import CLOSE, HEALTHY_PULSES, STOP, VOLTAGES, seeds_of, trained
 from reproductions.valdes2008.study import (
     CIRCUIT,
     CUBESAT,

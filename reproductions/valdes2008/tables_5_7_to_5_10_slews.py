@@ -19,13 +19,7 @@ from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.valdes2008 import Result
 from reproductions.valdes2008.study import step_fault
-from thruster_envs.missions import (
-    ATTITUDE_TOLERANCE,
-    RATE_TOLERANCE,
-    SETTLING_LIMIT,
-    Missions,
-    fly_missions,
-)
+from thruster_envs.missions import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT, Missions, fly_missions
 from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST

@@ -14,9 +14,8 @@ from functools import partial
 
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
-from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failure, Flight, fly
-from reproductions.yang2003.fault_mission_report import COLUMNS, draw_flights, kept, table
+from reproductions.yang2003.fault_mission_report import COLUMNS, beside_earlier, draw_flights, kept, table
 from reproductions.yang2003.section_6_4_3_failures_in_flight import ARRIVED, DEVIATION
 
 NOT_NOTICED, ANEW, DIAGNOSED, KNOWN = "not noticed", "planned anew at 25 m", "diagnosed", "told as it happens"
@@ -45,10 +44,7 @@ def degraded(effort: Effort) -> Finding:
     )
     return Finding(
         ours=_in_a_line(flights),
-        checks={
-            "thruster 1 is named and its half found": found == [(1, "loss", 0.5)],
-            **_checks(flights),
-        },
+        checks={"thruster 1 is named and its half found": found == [(1, "loss", 0.5)], **_checks(flights)},
         note="The models compared are losses of a quarter, a half and three quarters, dead, open, and leaks. "
         "Without feedback the failure of E39, though it comes later, takes the craft "
         f"{fly(LOST).miss / flights[NOT_NOTICED].miss:.2f} times as far off.",

@@ -18,12 +18,7 @@ import numpy as np
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
 from thruster_baselines.detection import GLRDetector, ModelComparison
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
-from thruster_baselines.guidance import (
-    RendezvousPlan,
-    RendezvousPlanner,
-    force_response,
-    transition_matrix,
-)
+from thruster_baselines.guidance import RendezvousPlan, RendezvousPlanner, force_response, transition_matrix
 from thruster_baselines.mapping import LPMapper, delivered_on_times
 from thruster_envs.protocols import FloatArray
 

@@ -310,10 +310,7 @@ def _span(rates: FloatArray) -> str:
 
 
 @reproduces(
-    "E38",
-    lines="Fig. 27, L1431-1434",
-    reported="identified every time at 5.5e-5",
-    criterion="every time",
+    "E38", lines="Fig. 27, L1431-1434", reported="identified every time at 5.5e-5", criterion="every time"
 )
 def full_on(effort: Effort) -> Finding:
     """Detection of a thruster that is stuck on."""

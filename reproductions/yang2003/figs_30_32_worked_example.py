@@ -131,12 +131,7 @@ def _draw(values: FloatArray, noise: FloatArray) -> Figure:
     return figure
 
 
-@reproduces(
-    "E43",
-    lines="section 6.4.3, L1466",
-    reported="99.9 %",
-    criterion="99.9 % or more after 1 s",
-)
+@reproduces("E43", lines="section 6.4.3, L1466", reported="99.9 %", criterion="99.9 % or more after 1 s")
 def isolation(effort: Effort) -> Finding:
     """How often the dead thruster is named."""
     count = 10 * effort.samples
@@ -162,7 +157,7 @@ def isolation(effort: Effort) -> Finding:
             "on-time": "{0:g} s",
             "sign gate": lambda _, gate, *__: "yes" if gate else "no",
             "detected": "{2.value:.2%}",
-            "rightly named (95 %)": lambda *all_of: with_interval(all_of[3], ".3%"),
+            "rightly named (95 %)": lambda _, __, ___, right: with_interval(right, ".3%"),
         },
     )
     return Finding(

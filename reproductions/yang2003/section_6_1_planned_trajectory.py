@@ -13,8 +13,8 @@ import numpy as np
 from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
-from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_mission import fly
+from reproductions.yang2003.fault_mission_report import beside_earlier
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS, path
 from thruster_baselines.guidance import transition_matrix
 from thruster_envs.protocols import FloatArray

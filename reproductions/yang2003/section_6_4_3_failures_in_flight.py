@@ -18,10 +18,16 @@ from reproductions.cells import proportion
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, RED, Figure, panels, thin
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
-from reproductions.yang2003.earlier_computation import beside_earlier
 from reproductions.yang2003.fault_flights import DeadThrusterFlights, fly_with_dead_thruster
 from reproductions.yang2003.fault_mission import LOST, Flight, Second, fly
-from reproductions.yang2003.fault_mission_report import draw_flights, kept, paths, spent, table
+from reproductions.yang2003.fault_mission_report import (
+    beside_earlier,
+    draw_flights,
+    kept,
+    paths,
+    spent,
+    table,
+)
 from reproductions.yang2003.section_6_3_coupling_in_flight import COUPLING, PERIOD, START
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
 from thruster_envs.seeds import TEST
