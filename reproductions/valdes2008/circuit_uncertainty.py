@@ -117,9 +117,9 @@ def _draw(
     figure, axes = panels(2, height=3.6)
     what = ("error of the thrust (% of nominal)", "pulses wrongly judged (%)")
     for axis, values, label in zip(axes, (percent, wrong), what, strict=True):
+        axis.plot([one[0] for one in values.values()], "s-", color=BLUE, label="circuit fitted")
         for x, (_, networks) in enumerate(values.values()):
             dots(axis, x, networks, GREEN, label=None if x else "networks, a dot a seed")
-        axis.plot([one[0] for one in values.values()], "s-", color=BLUE, label="circuit fitted")
         axis.set_xticks(range(len(values)), [f"{100 * one:g}" for one in values])
         axis.set(xlabel="scatter of the circuit (%)", ylabel=label)
     axes[0].legend(loc="upper left")
