@@ -30,26 +30,8 @@ from reproductions.yang2003.section_6_3_coupling_in_flight import (
     followed,
     plan_on_times,
 )
+from thruster_baselines import mapping
 from thruster_baselines.control import RendezvousController, RendezvousSettings
-from thruster_baselines.mapping import (
-    AdditiveCompensationMapper,
-    AttitudeUncertainty,
-    ChanceConstrainedMapper,
-    ConicRobustMapper,
-    CrudeMapper,
-    DifferentialCompensationMapper,
-    ExactCompensationMapper,
-    LPMapper,
-    MILPMapper,
-    MinimumNormShiftMapper,
-    NonNegativeLeastSquaresMapper,
-    NullSpaceMapper,
-    PseudoInverseMapper,
-    QuadraticMapper,
-    RedistributedPseudoInverseMapper,
-    RobustCommandMapper,
-    RobustEffectivenessMapper,
-)
 from thruster_baselines.mapping.base import BaseMapper, ClosedFormMapper
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.statistics import clopper_pearson
@@ -98,38 +80,41 @@ class Row:
     share: float = 1.0  # of the flights, if it takes too long to fly them all; rounded down
 
 
-LINEAR_PROGRAM = Row("linear program", LPMapper)
-METHOD_2 = Row("method II", AdditiveCompensationMapper, "coupling")
-EXACT = Row("exact compensation", ExactCompensationMapper, "coupling")
-INTEGER = Row("integer program", MILPMapper, "coupling", share=0.1)
-SHIFT = Row("minimum norm and shift", MinimumNormShiftMapper)
-CLIPPED = Row("pseudo-inverse, clipped", PseudoInverseMapper)
+LINEAR_PROGRAM = Row("linear program", mapping.LPMapper)
+METHOD_2 = Row("method II", mapping.AdditiveCompensationMapper, "coupling")
+EXACT = Row("exact compensation", mapping.ExactCompensationMapper, "coupling")
+INTEGER = Row("integer program", mapping.MILPMapper, "coupling", share=0.1)
+SHIFT = Row("minimum norm and shift", mapping.MinimumNormShiftMapper)
+CLIPPED = Row("pseudo-inverse, clipped", mapping.PseudoInverseMapper)
 ROWS = (
     Row("the controller's own allocation", ControllerAllocation, "coupling"),
     LINEAR_PROGRAM,
-    Row("method I", DifferentialCompensationMapper, "coupling"),
+    Row("method I", mapping.DifferentialCompensationMapper, "coupling"),
     METHOD_2,
     EXACT,
     INTEGER,
     Row(
         "robust LP, command",
-        partial(RobustCommandMapper, attitude=AttitudeUncertainty(half_widths=ORION.sensors.attitude)),
+        partial(
+            mapping.RobustCommandMapper,
+            attitude=mapping.AttitudeUncertainty(half_widths=ORION.sensors.attitude),
+        ),
         "attitude noise",
     ),
-    Row("robust LP, effectiveness", partial(RobustEffectivenessMapper, relative=SCATTER), "scatter"),
-    Row("conic robust", partial(ConicRobustMapper, spread=SCATTER), "scatter"),
+    Row("robust LP, effectiveness", partial(mapping.RobustEffectivenessMapper, relative=SCATTER), "scatter"),
+    Row("conic robust", partial(mapping.ConicRobustMapper, spread=SCATTER), "scatter"),
     Row(
         "chance-constrained",
-        partial(ChanceConstrainedMapper, standard_deviation=SCATTER / math.sqrt(3.0)),
+        partial(mapping.ChanceConstrainedMapper, standard_deviation=SCATTER / math.sqrt(3.0)),
         "scatter",
     ),
-    Row("quadratic program", QuadraticMapper),
-    Row("non-negative least squares, bounded", partial(NonNegativeLeastSquaresMapper, bounded=True)),
-    Row("null space", NullSpaceMapper),
+    Row("quadratic program", mapping.QuadraticMapper),
+    Row("non-negative least squares, bounded", partial(mapping.NonNegativeLeastSquaresMapper, bounded=True)),
+    Row("null space", mapping.NullSpaceMapper),
     SHIFT,
-    Row("pseudo-inverse, redistributed", RedistributedPseudoInverseMapper),
+    Row("pseudo-inverse, redistributed", mapping.RedistributedPseudoInverseMapper),
     CLIPPED,
-    Row("crude", CrudeMapper),
+    Row("crude", mapping.CrudeMapper),
     Row("no firing", NoFiring, share=0.25),
 )
 

@@ -22,24 +22,7 @@ from reproductions.cells import finite
 from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure, annotate, ticks
 from reproductions.record import Effort, Finding, Table
 from reproductions.yang2003 import reproduces
-from thruster_baselines.detection import (
-    CUSUMDetector,
-    DetectorPlayer,
-    EnvironmentFlights,
-    EstimatorThreshold,
-    FilterBank,
-    GenericChiSquared,
-    GLRDetector,
-    ModelComparison,
-    PlayerDetector,
-    RandomFlights,
-    SetChiSquared,
-    SingleChiSquared,
-    WindowedGLR,
-    by_model_comparison,
-    evaluate,
-    threshold_for_rate,
-)
+from thruster_baselines import detection
 from thruster_baselines.detection.evaluate import Evaluation
 from thruster_baselines.detection.flights import FlightSource
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
@@ -68,18 +51,18 @@ def _with_sensors(kind: Callable[..., Any], **settings: Any) -> Callable[[int], 
 
 
 DETECTORS: dict[str, Callable[[int], Detector]] = {
-    "estimate's threshold": lambda vehicles: EstimatorThreshold(ORION, 0.4, vehicles=vehicles),
-    "generic chi-squared": _with_sensors(GenericChiSquared),
-    "single chi-squared": _with_sensors(SingleChiSquared),
-    "set chi-squared": _with_sensors(SetChiSquared),
-    "likelihood ratio, source's noise": lambda vehicles: GLRDetector(
+    "estimate's threshold": lambda vehicles: detection.EstimatorThreshold(ORION, 0.4, vehicles=vehicles),
+    "generic chi-squared": _with_sensors(detection.GenericChiSquared),
+    "single chi-squared": _with_sensors(detection.SingleChiSquared),
+    "set chi-squared": _with_sensors(detection.SetChiSquared),
+    "likelihood ratio, source's noise": lambda vehicles: detection.GLRDetector(
         ORION, SOURCE_THRESHOLD, vehicles=vehicles
     ),
-    "likelihood ratio": _with_sensors(GLRDetector),
-    "likelihood ratio, sign gate": _with_sensors(GLRDetector, sign_gate=True),
-    "likelihood ratio, window": _with_sensors(WindowedGLR),
-    "cumulative sums": _with_sensors(CUSUMDetector),
-    "bank of filters": _with_sensors(FilterBank),
+    "likelihood ratio": _with_sensors(detection.GLRDetector),
+    "likelihood ratio, sign gate": _with_sensors(detection.GLRDetector, sign_gate=True),
+    "likelihood ratio, window": _with_sensors(detection.WindowedGLR),
+    "cumulative sums": _with_sensors(detection.CUSUMDetector),
+    "bank of filters": _with_sensors(detection.FilterBank),
 }
 BEST = "likelihood ratio, sign gate"
 PLAYER = "player: cumulative sums, then models"
@@ -103,16 +86,18 @@ def compared(effort: Effort) -> Finding:
     count = max(40, int(FLIGHTS_PER_SAMPLE * effort.samples))
     rate = RATE if count >= 1000 else 0.01  # few flights cannot show a rare alarm
     seeds: dict[str, Sequence[int]] = {"validation": VALIDATION[:count], "test": TEST[:count]}
-    source = RandomFlights(spacecraft=ORION, faults=FAULTS)
-    identify = by_model_comparison(ModelComparison(ORION))
+    source = detection.RandomFlights(spacecraft=ORION, faults=FAULTS)
+    identify = detection.by_model_comparison(detection.ModelComparison(ORION))
 
     def measure(flights: FlightSource, **more: Any) -> dict[str, Evaluation]:
         settings = {"false_alarms": rate, "identify": identify, **seeds, **more}
-        return {name: evaluate(make, flights, name=name, **settings) for name, make in DETECTORS.items()}
+        return {
+            name: detection.evaluate(make, flights, name=name, **settings) for name, make in DETECTORS.items()
+        }
 
     found = measure(source)
     best = found[BEST]
-    spoilt = RandomFlights(spacecraft=ORION, faults=FAULTS, bad_measurements=1.0 / 3.0)
+    spoilt = detection.RandomFlights(spacecraft=ORION, faults=FAULTS, bad_measurements=1.0 / 3.0)
     bad = measure(spoilt, rates=())
     flown = in_flight(seeds, rate)
     dead, named = dead_thrusters(count, rate)
@@ -156,18 +141,24 @@ def compared(effort: Effort) -> Finding:
 def in_flight(seeds: dict[str, Sequence[int]], rate: float) -> dict[str, Evaluation]:
     """Every detector, and a player, in flights of `FaultDiagnosis-v0`; all of them in the same."""
     faults = dataclasses.replace(FAULTS, onset=(0.0, 300.0), onset_grid=ORION.control_period)
-    flights, observed = (cache(EnvironmentFlights(faults=faults, observed=one)) for one in (False, True))
+    flights, observed = (
+        cache(detection.EnvironmentFlights(faults=faults, observed=one)) for one in (False, True)
+    )
     layout = gym.make_vec(ENVIRONMENT, num_envs=1, vectorization_mode="vector_entry_point")
 
     def player(vehicles: int) -> Detector:
-        return PlayerDetector(layout, DetectorPlayer(layout, worlds=vehicles), vehicles)
+        return detection.PlayerDetector(layout, detection.DetectorPlayer(layout, worlds=vehicles), vehicles)
 
-    identify = by_model_comparison(ModelComparison(ORION))
+    identify = detection.by_model_comparison(detection.ModelComparison(ORION))
     found = {
-        name: evaluate(make, flights, name=name, false_alarms=rate, identify=identify, rates=(), **seeds)
+        name: detection.evaluate(
+            make, flights, name=name, false_alarms=rate, identify=identify, rates=(), **seeds
+        )
         for name, make in DETECTORS.items()
     }
-    return found | {PLAYER: evaluate(player, observed, name=PLAYER, false_alarms=rate, rates=(), **seeds)}
+    return found | {
+        PLAYER: detection.evaluate(player, observed, name=PLAYER, false_alarms=rate, rates=(), **seeds)
+    }
 
 
 def dead_thrusters(flights: int, rate: float) -> tuple[int, int]:
@@ -176,7 +167,7 @@ def dead_thrusters(flights: int, rate: float) -> tuple[int, int]:
     Returns:
         How many flights there were, and in how many it was found and rightly named by their end.
     """
-    make, fault_free = DETECTORS[BEST], RandomFlights(spacecraft=ORION)
+    make, fault_free = DETECTORS[BEST], detection.RandomFlights(spacecraft=ORION)
     healthy = fault_free(VALIDATION[:flights], False)
     detector = make(flights)
     statistics = np.stack(
@@ -186,7 +177,7 @@ def dead_thrusters(flights: int, rate: float) -> tuple[int, int]:
         ]
     )
     detector = make(flights)
-    detector.threshold = threshold_for_rate(statistics.ravel(), rate).threshold
+    detector.threshold = detection.threshold_for_rate(statistics.ravel(), rate).threshold
     rng = np.random.default_rng(TEST[0])
     dead = rng.integers(12, size=flights)
     everyone = np.arange(flights)
