@@ -114,7 +114,7 @@ def compile_period(lanes: int) -> Any:
     def fly_period(arrays, parts, move, first, last):
         batch, vehicle = open_batch(arrays), open_vehicle(parts)
         n, slots, constants = vehicle.rows.thrusters, batch.faults.shape[2], vehicle.constants
-        of_valve = firing.CORNERS_WITH_DYNAMICS if vehicle.valves.dynamic else firing.CORNERS
+        of_valve = firing.CORNERS if vehicle.valves.dynamic is None else firing.CORNERS_WITH_DYNAMICS
         corners = of_valve * n + firing.FAULT_CORNERS * slots
         # Rows of a schedule: beside one for each corner,
         room = int(min(2.0 * constants.period / constants.short_substep, _ROOM)) + 2
@@ -249,7 +249,7 @@ def _faults_of_period(b, batch, vehicle, work):
     faults, clock, nodes = batch.faults, work.clock, work.nodes
     n, period = vehicle.rows.thrusters, vehicle.constants.period
     lanes = work.lanes
-    smooth, faulty, changing, commanded = vehicle.valves.dynamic, False, False, False
+    smooth, faulty, changing, commanded = vehicle.valves.dynamic is not None, False, False, False
     for w in range(lanes):
         clock[_CHANGES, w], clock[_COMMANDED, w] = 0.0, 0.0
         clock[_WAVES, w], clock[_UNTIL, w] = 0.0, -1.0
@@ -364,7 +364,7 @@ def _command_valves(b, batch, vehicle, commanded, work):
     for i in range(n):
         for w in range(lanes):
             valves[_RUN * n + i, w] = valves[_OPENS * n + i, w]
-    if vehicle.valves.dynamic:
+    if vehicle.valves.dynamic is not None:
         for i in range(n):
             for w in range(lanes):
                 valves[_LEVEL * n + i, w] = data[b, rows.level + i, w]
@@ -390,7 +390,7 @@ def _store(b, data, vehicle, work):
             to_come = valves[_RUN * n + i, w] - period
             run = (data[b, rows.duties + i, w] >= 1.0) & (period >= minimum)
             data[b, rows.held + i, w] = (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
-        if vehicle.valves.dynamic:
+        if vehicle.valves.dynamic is not None:
             rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
             for w in range(lanes):
                 opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
@@ -453,7 +453,7 @@ def _corners_of_period(b, batch, vehicle, faulty, work):
     corners, valves, clock, thrusters = work.corners, work.valves, work.clock, vehicle.thrusters
     n, lanes, period = vehicle.rows.thrusters, work.lanes, vehicle.constants.period
     used = n
-    if vehicle.valves.dynamic:
+    if vehicle.valves.dynamic is not None:
         for i in range(n):
             for w in range(lanes):
                 firing.valve_corners(
@@ -516,7 +516,7 @@ def _openings(thrusters, dynamic, node_count, work):
     """How far each thruster is open at the nodes of the piece, faults included."""
     valves, clock, nodes = work.valves, work.clock, work.nodes
     n, lanes = thrusters.thrust.shape[0], work.lanes
-    if dynamic:
+    if dynamic is not None:
         for i in range(n):
             rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
             f, s = _FLOOR * n + i, _SLOPE * n + i

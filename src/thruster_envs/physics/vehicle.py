@@ -178,11 +178,11 @@ class Valves(NamedTuple):
 
     Attributes:
         network: (p, 2), a network that sorts the corners of a period.
-        dynamic: Whether a valve has delays or ramps.
+        dynamic: True where a valve has delays or ramps; None without.
     """
 
     network: NDArray[np.int64]
-    dynamic: bool
+    dynamic: bool | None
 
 
 class Modulation(NamedTuple):
@@ -382,7 +382,7 @@ def pack_vehicle(
     )  # fmt: skip
 
 
-def _pack_valves(constants: FloatArray) -> tuple[NDArray[np.int64], bool]:
+def _pack_valves(constants: FloatArray) -> tuple[NDArray[np.int64], bool | None]:
     thrusters = Thrusters(
         constants[0], constants[1], constants[2], constants[3], constants[4], constants[5], constants[6],
         constants[7], constants[8], constants[9:],
@@ -394,7 +394,7 @@ def _pack_valves(constants: FloatArray) -> tuple[NDArray[np.int64], bool]:
         or np.any(thrusters.fall_rate < 1.0 / _NO_TIME)
     )
     corners = thrusters.thrust.size * (firing.CORNERS_WITH_DYNAMICS if dynamic else firing.CORNERS)
-    return _sorting_network(corners), dynamic
+    return _sorting_network(corners), True if dynamic else None
 
 
 def _pack_storage(spacecraft: Spacecraft) -> tuple[FloatArray, FloatArray] | None:
