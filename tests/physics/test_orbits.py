@@ -226,8 +226,6 @@ def coast(orbit: Orbit, nonlinear: bool, duration: float, number: int) -> tuple[
     """State (6,) and attitude (4,) after a coast from START in so many sub-steps."""
     kind = orbits.kind_of(orbit, nonlinear=nonlinear)
     reference = orbits.reference_at(kind, orbits.Elements.of(orbit), orbits.true_anomaly_at(orbit, 0.0))
-    if orbit.j2 == 0.0:
-        reference = reference[0]
     r, v, q, _ = in_substeps(
         kind, reference, tuple(START[:3]), tuple(START[3:]), (1.0, 0.0, 0.0, 0.0), duration / number, number
     )

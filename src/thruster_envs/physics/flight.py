@@ -2,7 +2,7 @@
 
 The compiled core of every environment.
 
-Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of
+Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.orbits` model, together: any number of
 thrusters on a rigid body on a relative orbit, mass depletion included (the inertia matrix and the centre of
 mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps, as
 many as the turning of the craft needs or none longer than a given length: RK4 for position, velocity and
@@ -128,7 +128,7 @@ def _fly_block(b, batch, vehicle, move, work):
     data, clock, valves = batch.data, work.clock, work.valves
     constants, period, dynamic = vehicle.constants, vehicle.constants.period, vehicle.valves.dynamic
     n, lanes = vehicle.rows.thrusters, work.state.shape[1]
-    load_state(b, data, work.columns, vehicle.rows, work.state)
+    load_state(b, data, work.columns, vehicle, work.state)
     load_storage(b, batch, vehicle, vehicle.storage, work.storage, work.state)
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
@@ -179,7 +179,7 @@ def _fly_block(b, batch, vehicle, move, work):
                 _hold_open(b, w, batch, vehicle, work)
     if move:
         freeze_lost(b, data, work.state)
-        store_state(b, data, work.state, 0)
+        store_state(b, data, vehicle, work.state, 0)
         expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, work.state)
         look(b, data, vehicle, work.words, work.state, work.sight)
