@@ -577,11 +577,14 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
 def _begin_frame(b, w, data, streams, vehicle, elements):
     """Put LVLH of one craft where it stands at the start of the episode, which is the same in a world."""
     orbit, rows, block = vehicle.body.orbit, vehicle.rows, data[b]
-    words = philox(
-        np.uint64(0), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(ANOMALY << 32),
-        streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-    )  # fmt: skip
-    reference = reference_at(orbit, elements, anomaly_at_start(elements, uniform_pair(words[0])[0]))
+    chance = 0.5
+    if elements.true_anomaly_dispersion > 0.0:
+        words = philox(
+            np.uint64(0), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(ANOMALY << 32),
+            streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+        )  # fmt: skip
+        chance, _ = uniform_pair(words[0])
+    reference = reference_at(orbit, elements, anomaly_at_start(elements, chance))
     write_reference(orbit, block, rows.reference, w, reference)
     if vehicle.pulses is not None:
         write_reference(orbit, block, rows.first_reference, w, reference)

@@ -565,8 +565,7 @@ def _follow_elliptic(orbit, before, after, h, q):
 def _follow_oblate(orbit, before, after, h, q):
     start, end = oblate_attitude(before.reference), oblate_attitude(after.reference)
     turned = quaternion_product(start, conjugate(end))
-    cosine = turned[0] if h != 0.0 else 1.0
-    return quaternion_product(q, (cosine, turned[1], turned[2], turned[3]))
+    return quaternion_product(q, turned if h != 0.0 else (1.0, 0.0, 0.0, 0.0))
 
 
 def _accelerate_by_hill(orbit, motion, r, v):
