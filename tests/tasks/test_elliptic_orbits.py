@@ -65,7 +65,10 @@ def test_formations_of_many_agents_fly_too(module):
     vehicle = "orion" if module is formation_keeping_v0 else "ppt_cubesat"
     env = module.parallel_env(spacecraft=on(ELLIPTIC, vehicle))
     env.reset(seed=2)
-    for _ in range(20):
+    for step in range(20):
+        if not env.agents:  # lost, by what random actions do to it
+            assert step > 3
+            break
         found = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
         assert_finite(found[0], "observations")
         assert_finite(found[4], "infos")
@@ -175,7 +178,8 @@ def test_along_free_motion_across_the_plane_the_delta_v_to_go_has_no_jump():
         elliptic_delta_v_to_go((0.0, 0.0, 40.0), (0.0, 0.0, 0.1), time, ellipse_of(orbit))
         for time in np.arange(600.0, 2400.0, 0.5)
     ]
-    assert np.abs(np.diff(costs)).max() < 1e-4
+    assert np.ptp(costs[:200]) > 0.02 and costs[-1] == costs[-2]
+    assert np.abs(np.diff(costs)).max() < 1.3e-4  # m/s in half a second: its slope where it is steepest
 
 
 def test_the_pilot_of_a_formation_holds_its_slots_about_an_ellipse():
