@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thruster_envs.physics.relative_orbit import transition_matrix
+from thruster_envs.physics.orbits import transition_matrix
 from thruster_envs.spacecraft import Spacecraft
 
 Array = NDArray[np.float64]

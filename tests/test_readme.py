@@ -17,7 +17,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 6
+    assert len(blocks) == 7
     for block in blocks:
         exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out

@@ -24,7 +24,7 @@ _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 
 #: Purposes: the high half of the last counter word, so that two uses of one step never share a draw.
-STEP, RESET, FAULTS, COMMAND, VALVES, SENSOR_FAULTS, MEASUREMENT = 0, 1, 2, 3, 4, 5, 6
+STEP, RESET, FAULTS, COMMAND, VALVES, SENSOR_FAULTS, MEASUREMENT, ANOMALY = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 @njit(forceinline=True)

@@ -762,6 +762,7 @@ _KNOWN: dict[str, tuple[str, tuple[str, ...] | None]] = {
     "attitude/error": ("rad", None),
     "attitude/settling_time": ("s", None),
     "diagnosis/delay": ("s", None),
+    "orbit/true_anomaly": ("rad", None),
     "remainder": ("m/s, rad/s", None),
 }
 

@@ -18,7 +18,7 @@ import pytest
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.physics.relative_orbit import orbit_radius
+from thruster_envs.physics.orbits import orbit_radius
 from thruster_envs.spacecraft import Feed, Sensors, load
 
 STEP, PERIODS = 0.01, 24  # s, of Basilisk; of control, one second each

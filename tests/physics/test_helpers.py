@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from tests.physics import closed_forms as exact
 from tests.physics.reference_flight import hcw_acceleration, two_body_relative_acceleration
 from thruster_envs.physics import attitude as kernel
-from thruster_envs.physics import relative_orbit
+from thruster_envs.physics import orbits
 
 N = 0.0011
-RADIUS = relative_orbit.orbit_radius(N)
+RADIUS = orbits.orbit_radius(N)
 SIZES = {"q": 4, "v": 3, "s": 1}
 
 
@@ -81,7 +81,7 @@ def test_the_angular_acceleration_solves_eulers_equation():
 def test_the_transition_matrix_is_the_closed_form():
     for time in (0.0, 1.0, 5.0, 300.0, 5712.0):
         np.testing.assert_allclose(
-            relative_orbit.transition_matrix(N, time), exact.hcw_transition(N, time), rtol=1e-9, atol=1e-9
+            orbits.transition_matrix(N, time), exact.hcw_transition(N, time), rtol=1e-9, atol=1e-9
         )
     assert pytest.approx(exact.orbit_radius(N), rel=1e-15) == RADIUS
 
@@ -93,10 +93,10 @@ def test_the_transition_matrix_is_the_closed_form():
 def test_the_relative_accelerations_are_those_of_the_referee(position, velocity):
     r, v = tuple(position), tuple(velocity)
     np.testing.assert_allclose(
-        relative_orbit.hill_acceleration(r, v, N), hcw_acceleration(np.array(r), np.array(v), N), rtol=1e-14
+        orbits.hill_acceleration(r, v, N), hcw_acceleration(np.array(r), np.array(v), N), rtol=1e-14
     )
     np.testing.assert_allclose(
-        relative_orbit.two_body_acceleration(r, v, N, RADIUS),
+        orbits.two_body_acceleration(r, v, N, RADIUS),
         two_body_relative_acceleration(np.array(r), np.array(v), N),
         rtol=1e-12,
         atol=1e-15,
@@ -116,8 +116,8 @@ def test_the_relative_accelerations_are_those_of_the_referee(position, velocity)
         (kernel.normalised, "q"),
         (kernel.turn, "qvvvs"),
         (kernel.angular_acceleration, "vvvv"),
-        (relative_orbit.hill_acceleration, "vvs"),
-        (relative_orbit.two_body_acceleration, "vvss"),
+        (orbits.hill_acceleration, "vvs"),
+        (orbits.two_body_acceleration, "vvss"),
     ],
     ids=lambda value: value if isinstance(value, str) else value.py_func.__name__,
 )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from tests.physics.closed_forms import rotation_matrix
+from tests.physics.inertial import frame_turning, gravity, local_axes, on_orbit
 from thruster_envs.physics import orbits
 from thruster_envs.physics.orbits import transition_matrix
 from thruster_envs.spacecraft import Orbit
@@ -226,50 +227,15 @@ def coast(orbit: Orbit, nonlinear: bool, duration: float, number: int) -> tuple[
     """State (6,) and attitude (4,) after a coast from START in so many sub-steps."""
     kind = orbits.kind_of(orbit, nonlinear=nonlinear)
     reference = orbits.reference_at(kind, orbits.Elements.of(orbit), orbits.true_anomaly_at(orbit, 0.0))
-    if orbit.j2 == 0.0:
-        reference = reference[0]
     r, v, q, _ = in_substeps(
         kind, reference, tuple(START[:3]), tuple(START[3:]), (1.0, 0.0, 0.0, 0.0), duration / number, number
     )
     return np.array([*r, *v]), np.array(q)
 
 
-def gravity(place: Array, orbit: Orbit) -> Array:
-    """Acceleration (m/s^2) in the planet's axes, of a sphere and of J2."""
-    distance = np.linalg.norm(place)
-    sphere = -orbit.gravitational_parameter * place / distance**3
-    height = (place[2] / distance) ** 2
-    bulge = 1.5 * orbit.j2 * orbit.gravitational_parameter * orbit.planet_radius**2 / distance**5
-    return np.asarray(sphere - bulge * place * (np.array([1.0, 1.0, 3.0]) - 5.0 * height))
-
-
-def local_axes(place: Array, velocity: Array) -> Array:
-    """(3, 3), rows: the axes of LVLH."""
-    normal = np.cross(place, velocity)
-    x, z = place / np.linalg.norm(place), normal / np.linalg.norm(normal)
-    return np.array([x, np.cross(z, x), z])
-
-
-def frame_turning(place: Array, velocity: Array, orbit: Orbit) -> Array:
-    """Rate (3,) of LVLH in its own axes: by its momentum, and by what pushes out of its plane."""
-    momentum = np.cross(place, velocity)
-    size, distance = np.linalg.norm(momentum), np.linalg.norm(place)
-    across = gravity(place, orbit) @ momentum / size
-    return np.array([distance * across / size, 0.0, size / distance**2])
-
-
 def in_inertial_space(orbit: Orbit, duration: float) -> tuple[Array, Array]:
     """Relative state (6,) and axes of LVLH at its end in those at its start, by two orbits, from START."""
-    e, nu = orbit.eccentricity, orbit.true_anomaly
-    p = orbit.semi_major_axis * (1.0 - e * e)
-    in_plane = np.array([math.cos(nu), math.sin(nu), 0.0]) * p / (1.0 + e * math.cos(nu))
-    speed = math.sqrt(orbit.gravitational_parameter / p) * np.array([-math.sin(nu), e + math.cos(nu), 0.0])
-    to_planet = np.eye(3)
-    for angle, axis in ((orbit.raan, 2), (orbit.inclination, 0), (orbit.argument_of_perigee, 2)):
-        c, s = math.cos(angle), math.sin(angle)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        to_planet = to_planet @ np.roll(turn, axis + 1, axis=(0, 1))
-    place, velocity = to_planet @ in_plane, to_planet @ speed
+    place, velocity = on_orbit(orbit, orbit.true_anomaly)
     axes = local_axes(place, velocity)
     turning = frame_turning(place, velocity, orbit)
     other = place + axes.T @ START[:3]

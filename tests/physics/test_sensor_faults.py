@@ -14,7 +14,7 @@ from tests.physics.reference_flight import ActiveFault, is_active
 from thruster_envs.faults import PROFILES, SENSOR_KINDS, SENSORS, Fault, FaultDistribution
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.physics.relative_orbit import transition_matrix
+from thruster_envs.physics.orbits import transition_matrix
 from thruster_envs.spacecraft import load
 
 VEHICLES = {"orion": Fleet, "msr_chaser": Fleet, "ppt_cubesat": pulsed_fleet}

@@ -1,6 +1,6 @@
 """The motion of a rigid body: one sub-step of it, how many it needs, and what becomes of one that is lost.
 
-Models position and velocity against the orbit (:mod:`.relative_orbit`), attitude and rate
+Models position and velocity against the orbit (:mod:`.orbits`), attitude and rate
 (:mod:`.attitude`), and depletion, under a body wrench and a mass flow that are quadratics in time: RK4 for
 position, velocity and rate, a fourth-order Magnus step for the attitude. The inertia matrix and the centre of
 mass stay where they are.
@@ -11,11 +11,22 @@ import math
 from numba import njit
 
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.attitude import follow_orbit, normalised, rate_step, rotate_back, turn
-from thruster_envs.physics.relative_orbit import translation_step
+from thruster_envs.physics.attitude import normalised, rate_step, rotate_back, turn
+from thruster_envs.physics.orbits import (
+    follow_frame,
+    frame_rate,
+    read_reference,
+    reference_after,
+    reference_of,
+    step_frames,
+    translation_step,
+    write_reference,
+)
 
-#: Rows of the state of a block, which are the first ones of ``data``.
-STATE_ROWS = 14
+#: Rows of the state of a block that are the first ones of ``data``. Behind them stands the reference of the
+#: orbit where it has one, then what stores momentum.
+STATE_ROWS = REFERENCE = 14
+STORED = REFERENCE + 6
 _R, _V, _Q, _W, _M = at.POSITION, at.VELOCITY, at.ATTITUDE, at.RATE, at.MASS
 
 #: Most sub-steps of a craft in a period, beyond one for each piece; one that needs more is lost.
@@ -47,9 +58,10 @@ def move(state, w, h, body, attitudes, rate, forces, flows, push):
 
     These are against a frame that is at rest and is LVLH at the start; ``rate`` is that at the end.
     """
-    q = attitudes[0]
-    q_m = follow_orbit(attitudes[1], body.mean_motion, 0.5 * h)
-    q_1 = follow_orbit(attitudes[2], body.mean_motion, h)
+    q, orbit = attitudes[0], body.orbit
+    frames = step_frames(orbit, read_reference(orbit, state, REFERENCE, w), h)
+    q_m = follow_frame(orbit, frames[0], frames[1], 0.5 * h, attitudes[1])
+    q_1 = follow_frame(orbit, frames[0], frames[2], h, attitudes[2])
     flow_0, flow_m, flow_1 = flows
     mass = state[_M, w]
     mass_m = mass - 0.5 * h * (flow_0 + 1 / 12 * (8.0 * (flow_m - flow_0) - (flow_1 - flow_0)))
@@ -60,8 +72,9 @@ def move(state, w, h, body, attitudes, rate, forces, flows, push):
         _specific(rotate_back(q, forces[0]), mass, push),
         _specific(rotate_back(q_m, forces[1]), mass_m, push),
         _specific(rotate_back(q_1, forces[2]), mass_1, push),
-        body.mean_motion, body.radius, h,
+        orbit, frames, h,
     )  # fmt: skip
+    write_reference(orbit, state, REFERENCE, w, reference_of(orbit, frames[2]))
     state[_R, w], state[_R + 1, w], state[_R + 2, w] = r[0], r[1], r[2]
     state[_V, w], state[_V + 1, w], state[_V + 2, w] = v[0], v[1], v[2]
     state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q_1[0], q_1[1], q_1[2], q_1[3]
@@ -125,14 +138,40 @@ def equal_substeps(b, w, data, state, length, fewest, constants):
 
 
 @njit(forceinline=True)
-def load_state(b, data, columns, rows, state, lanes):
+def load_state(b, data, columns, vehicle, state, lanes):
     """Copy the state of a block and the true wrenches of its thrusters out of ``data``."""
+    rows, orbit, block = vehicle.rows, vehicle.body.orbit, data[b]
+    for w in range(lanes):
+        reference = read_reference(orbit, block, rows.reference, w)
+        write_reference(orbit, state, REFERENCE, w, reference)
     for k in range(STATE_ROWS):
         for w in range(lanes):
             state[k, w] = data[b, k, w]
     for k in range(columns.shape[0]):
         for w in range(lanes):
             columns[k, w] = data[b, rows.columns + k, w]
+
+
+@njit(forceinline=True)
+def put_in_places(orbit, state, moving, places, lanes):
+    """Copy the state of each craft of a block to its place, by its number in ``places`` (lanes,)."""
+    for k in range(STATE_ROWS):
+        for w in range(lanes):
+            moving[k, places[w]] = state[k, w]
+    for w in range(lanes):
+        reference = read_reference(orbit, state, REFERENCE, w)
+        write_reference(orbit, moving, REFERENCE, places[w], reference)
+
+
+@njit(forceinline=True)
+def take_from_places(orbit, state, moving, places, lanes):
+    """Copy the state of each craft of a block back from its place."""
+    for k in range(STATE_ROWS):
+        for w in range(lanes):
+            state[k, w] = moving[k, places[w]]
+    for w in range(lanes):
+        reference = read_reference(orbit, moving, REFERENCE, places[w])
+        write_reference(orbit, state, REFERENCE, w, reference)
 
 
 @njit(forceinline=True)
@@ -155,11 +194,40 @@ def freeze_lost(b, data, state, within, lanes):
 
 
 @njit(forceinline=True)
-def store_state(b, data, state, first, lanes):
-    """Write the moved state back from row ``first`` on, with the quaternion at unit length."""
+def store_state(b, data, vehicle, state, first, lanes):
+    """Write the moved state back from row ``first`` on, with the quaternion at unit length.
+
+    LVLH moves on for the whole period, whatever became of the craft: all craft of a world agree on it.
+    """
+    block = data[b]
+    for w in range(lanes):
+        move_frame(w, block, vehicle)
     for w in range(lanes):
         q = normalised((state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]))
         state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
     for k in range(first, STATE_ROWS):
         for w in range(lanes):
             data[b, k, w] = state[k, w]
+
+
+@njit(forceinline=True)
+def move_frame(w, block, vehicle):
+    """Move LVLH of one craft of a block (rows, lanes) of ``data`` on by a control period."""
+    orbit, constants, row = vehicle.body.orbit, vehicle.constants, vehicle.rows.reference
+    reference = read_reference(orbit, block, row, w)
+    after = reference_after(orbit, reference, constants.period, reference_steps(constants))
+    write_reference(orbit, block, row, w, after)
+    write_frame_rate(w, block, orbit, after)
+
+
+@njit(forceinline=True)
+def reference_steps(constants):
+    """In how many integration steps LVLH moves on by a control period."""
+    return math.ceil(constants.period / constants.max_substep)
+
+
+@njit(forceinline=True)
+def write_frame_rate(w, block, orbit, reference):
+    """Write the rate at which LVLH turns, rad/s."""
+    rate = frame_rate(orbit, reference)
+    block[at.FRAME_RATE, w], block[at.FRAME_RATE + 1, w] = rate[0], rate[2]

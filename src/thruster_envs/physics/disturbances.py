@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from thruster_envs.physics.relative_orbit import orbit_radius
+from thruster_envs.physics.orbits import orbit_radius
 from thruster_envs.random import cos_sin_turns
 from thruster_envs.spacecraft import Spacecraft
 

@@ -31,7 +31,19 @@ from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate
+from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate, write_frame_rate
+from thruster_envs.physics.orbits import (
+    Elements,
+    Ellipse,
+    anomaly_at_start,
+    frame_rate,
+    kind_of,
+    open_elements,
+    osculating,
+    read_reference,
+    reference_at,
+    write_reference,
+)
 from thruster_envs.physics.period import choose_lanes, choose_period
 from thruster_envs.physics.pulsed_craft import MEASURED, PulsedFlight
 from thruster_envs.physics.sensing import (
@@ -56,12 +68,14 @@ from thruster_envs.physics.vehicle import (
     spin_up,
     tilted_wrenches,
 )
-from thruster_envs.random import RESET, normal_pair, philox
+from thruster_envs.random import ANOMALY, RESET, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.threads import physical_cores, run_shared
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+_NO_ELLIPSES = np.empty((0, len(Ellipse._fields)))
 
 #: Threads pay from this many craft on.
 MANY_CRAFT = 1024
@@ -88,7 +102,8 @@ class Fleet:
         worlds: Number of worlds.
         craft: Number of craft in each world.
         slots: Faults that one craft can have at once.
-        nonlinear: Full two-body relative motion instead of Hill's equations.
+        nonlinear: Full two-body relative motion instead of the linear equations, which are Hill's on a
+            circular orbit; with J2 it is never linear.
         max_substep: Longest integration sub-step, s; None lets each craft take as many as its turning needs,
             and those behind a modulator equal ones of at most 0.1 s.
         threads: Threads that share a period's work; None takes one below 1,024 craft and one per core above.
@@ -139,6 +154,7 @@ class Fleet:
         self.data[:, at.ATTITUDE] = 1.0
         self.data[:, at.MEASURED + 6] = 1.0
         self.data[:, at.MASS] = spacecraft.mass
+        self._put_frames(nonlinear)
         self.wrenches = np.ascontiguousarray(spacecraft.wrenches().T)
         self._tilts = tilted_wrenches(spacecraft)
         self.storage_faults = np.zeros_like(self.sensor_faults) if spacecraft.stores_momentum else None
@@ -164,6 +180,20 @@ class Fleet:
         self.shares: list[tuple[int, int]] = list(pairwise(edges))
         edges = np.linspace(0, worlds, self.threads + 1).astype(int).tolist()
         self._world_shares: list[tuple[int, int]] = list(pairwise(edges))
+
+    def _put_frames(self, nonlinear: bool) -> None:
+        """Let LVLH stand where an episode without a draw begins, in all worlds."""
+        orbit, elements = self.spacecraft.reference_orbit, Elements.of(self.spacecraft.reference_orbit)
+        #: Whether LVLH turns at one rate all the time.
+        self.steady = orbit.is_steady
+        self._elements, kind = tuple(elements), kind_of(orbit, nonlinear=nonlinear)
+        reference = reference_at(kind, elements, anomaly_at_start.py_func(elements, 0.5))
+        numbers = np.atleast_1d([] if reference is None else reference)[:, np.newaxis]
+        for first in {self.rows.reference, self.rows.first_reference}:
+            count = min(numbers.size, self.rows.fields - first)
+            self.data[:, first : first + count] = numbers[:count]
+        rate = frame_rate(kind, reference)
+        self.data[:, at.FRAME_RATE], self.data[:, at.FRAME_RATE + 1] = rate[0], rate[2]
 
     def plan(self, source: Sequence[Fault] | FaultDistribution) -> FaultPlan:
         """Faults in the form in which :meth:`begin` takes them.
@@ -264,6 +294,8 @@ class Fleet:
     ) -> None:
         """Put the craft of some worlds back to the start of an episode: at rest at the origin, whole.
 
+        Where the orbit disperses the true anomaly at the start, it is drawn from the world's own stream.
+
         Args:
             which: (k,), the worlds.
             keys: (worlds, 2), low and high half of every world's seed.
@@ -274,7 +306,7 @@ class Fleet:
         _begin(
             self.arrays, self.vehicle, which, keys, episodes, self.craft, self.spacecraft.mass,
             (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
-            (self.sensor_faults, self.sensors_fail),
+            (self.sensor_faults, self.sensors_fail), self._elements,
         )  # fmt: skip
         if self.storage_faults is not None:
             _begin_storage(
@@ -290,6 +322,17 @@ class Fleet:
         _first_look(self.data, self.streams, self.vehicle, which, self.craft)
         if self.sensors_fail:
             apply_first_sensor_faults(self.arrays, self.sensor_faults, self.vehicle, which, self.craft)
+
+    def ellipses(self) -> FloatArray:
+        """The orbit of each world as it is now: (worlds, 7), or (0, 7) where LVLH turns steadily.
+
+        In the order of :class:`.orbits.Ellipse`. With J2 it is the osculating one.
+        """
+        if self.steady:
+            return _NO_ELLIPSES
+        ellipses = np.empty((self.worlds, len(Ellipse._fields)))
+        _find_ellipses(self.data, self.vehicle, self.craft, ellipses)
+        return ellipses
 
     def fly(self, *, move: bool = True) -> None:
         """Advance every craft by one control period, under the duties that stand in ``data``.
@@ -453,7 +496,8 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
     Raises:
         ValueError: One line with the number that is out of reach.
     """
-    name, period, n = spacecraft.name, spacecraft.control_period, spacecraft.mean_motion
+    name, period, orbit = spacecraft.name, spacecraft.control_period, spacecraft.reference_orbit
+    n = orbit.fastest_rate
     longest = MOST_SUBSTEPS * SHORT_SUBSTEP
     if not SHORTEST_PERIOD <= period <= longest:
         raise ValueError(
@@ -463,13 +507,10 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
     # By how much the orbit may turn in a period: modulated craft have sub-steps of 0.1 s at the longest.
     turn, most = n * period, 0.1 if spacecraft.discharge is not None else 1.0
     if turn > most or (spacecraft.modulator is not None and n * MODULATED_SUBSTEP > ORBIT_TURN):
+        which = "mean_motion" if orbit.is_circular else "the rate at perigee"
         raise ValueError(
-            f"mean_motion of {name!r} must be at most {most / period:g} rad/s, "
+            f"{which} of {name!r} must be at most {most / period:g} rad/s, "
             f"{most:g} rad in a control period, to be flown, got {n!r}"
-        )
-    if spacecraft.orbit is not None and (spacecraft.orbit.eccentricity > 0.0 or spacecraft.orbit.j2 > 0.0):
-        raise ValueError(
-            f"the orbit of {name!r} must be circular and j2 0 to be flown, got {spacecraft.orbit!r}"
         )
     if spacecraft.sensors.attitude > COARSEST_ATTITUDE:
         raise ValueError(
@@ -500,7 +541,7 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 
 @kernel
-def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors):
+def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors, elements):
     batch = open_batch(arrays)
     data, faults, streams, storage_faults = batch.data, batch.faults, batch.streams, batch.storage_faults
     (wrenches, tilts), (encoded, table, drawn) = nominal, plan
@@ -524,6 +565,7 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
                 data[b, row, w] = 0.0
             data[b, at.ATTITUDE, w], data[b, at.MEASURED + 6, w] = 1.0, 1.0
             data[b, at.MASS, w] = mass
+            _begin_frame(b, w, data, streams, open_vehicle(parts), open_elements(elements))
             for i in range(n):
                 for row in range(6):
                     data[b, at_rows.columns + 6 * i + row, w] = wrenches[i, row]
@@ -547,6 +589,35 @@ def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_
                     faults[b, w, slot, at.FAULT_TILTED + column] = (
                         np.cos(azimuth) * tilts[0, i, column] + np.sin(azimuth) * tilts[1, i, column]
                     )
+
+
+@njit(forceinline=True)
+def _begin_frame(b, w, data, streams, vehicle, elements):
+    """Put LVLH of one craft where it stands at the start of the episode, which is the same in a world."""
+    orbit, rows, block = vehicle.body.orbit, vehicle.rows, data[b]
+    chance = 0.5
+    if elements.true_anomaly_dispersion > 0.0:
+        words = philox(
+            np.uint64(0), np.uint64(0), streams[b, at.EPISODE, w], np.uint64(ANOMALY << 32),
+            streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
+        )  # fmt: skip
+        chance, _ = uniform_pair(words[0])
+    reference = reference_at(orbit, elements, anomaly_at_start(elements, chance))
+    write_reference(orbit, block, rows.reference, w, reference)
+    if vehicle.pulses is not None:
+        write_reference(orbit, block, rows.first_reference, w, reference)
+    write_frame_rate(w, block, orbit, reference)
+
+
+@kernel
+def _find_ellipses(data, parts, craft, ellipses):
+    vehicle, lanes = open_vehicle(parts), data.shape[2]
+    orbit, row = vehicle.body.orbit, vehicle.rows.reference
+    for world in range(ellipses.shape[0]):
+        b, w = world * craft // lanes, world * craft % lanes
+        ellipse = osculating(orbit, read_reference(orbit, data[b], row, w))
+        for k, number in enumerate(ellipse):
+            ellipses[world, k] = number
 
 
 @njit(forceinline=True)

@@ -2,7 +2,7 @@
 
 The compiled core of every environment.
 
-Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.relative_orbit` model, together: any number of
+Models what :mod:`.firing`, :mod:`.attitude` and :mod:`.orbits` model, together: any number of
 thrusters on a rigid body on a relative orbit, mass depletion included (the inertia matrix and the centre of
 mass stay where they are). Each piece between two corners of the thrust is integrated in equal sub-steps, as
 many as the turning of the craft needs or none longer than a given length: RK4 for position, velocity and
@@ -27,15 +27,17 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import symmetric_product
 from thruster_envs.physics.body import (
     MOST_SUBSTEPS,
-    STATE_ROWS,
+    STORED,
     fastest_rate,
     freeze_lost,
     load_state,
+    put_in_places,
     simpson,
     size,
     store_state,
     substep,
     substep_rate,
+    take_from_places,
 )
 from thruster_envs.physics.borrowed import borrow, keep
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
@@ -128,7 +130,7 @@ def compile_period(lanes: int) -> Any:
             np.zeros((_SUMS, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((_ENTRY * (corners + room), lanes)),
-            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((STORED, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
         )
         words, places = np.zeros((word_rows(n), lanes), np.uint64), np.zeros((3, lanes), np.int64)
@@ -152,7 +154,7 @@ def _fly_block(b, batch, vehicle, move, work):
     data, clock, valves = batch.data, work.clock, work.valves
     constants, period, dynamic = vehicle.constants, vehicle.constants.period, vehicle.valves.dynamic
     n, lanes = vehicle.rows.thrusters, work.lanes
-    load_state(b, data, work.columns, vehicle.rows, work.state, lanes)
+    load_state(b, data, work.columns, vehicle, work.state, lanes)
     load_storage(b, batch, vehicle, vehicle.storage, work.storage, work.state)
     for w in range(lanes):
         clock[_START, w] = data[b, at.STEP, w] * period
@@ -200,7 +202,7 @@ def _fly_block(b, batch, vehicle, move, work):
                 _hold_open(b, w, batch, vehicle, work)
     if move:
         freeze_lost(b, data, work.state, work.sight[0], lanes)
-        store_state(b, data, work.state, 0, lanes)
+        store_state(b, data, vehicle, work.state, 0, lanes)
         expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, work.state)
         look(b, data, vehicle, work.words, work.state, work.sight, lanes)
@@ -807,9 +809,7 @@ def _integrate(b, batch, vehicle, storage, node_count, work):
     middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
     if storage is None:
         body, moving, most, width = vehicle.body, work.moving, steps[0], lanes
-        for k in range(STATE_ROWS):
-            for w in range(lanes):
-                moving[k, places[w]] = state[k, w]
+        put_in_places(body.orbit, state, moving, places, lanes)
         for j in range(most):
             a = _ENTRY * j + 1
             while steps[width // vector - 1] <= j:
@@ -817,9 +817,7 @@ def _integrate(b, batch, vehicle, storage, node_count, work):
             for w in range(width):
                 forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
                 substep(moving, w, schedule[_ENTRY * j + _H, w], body, forces, torques, flows, None)
-        for k in range(STATE_ROWS):
-            for w in range(lanes):
-                state[k, w] = moving[k, places[w]]
+        take_from_places(body.orbit, state, moving, places, lanes)
     else:
         for j in range(steps[0]):
             a = _ENTRY * j + 1

@@ -127,34 +127,6 @@ def compile_period(lanes: int) -> Any:
             _fly_block(b, batch, vehicle, move, work)
         keep((words, owned, stored))
 
-    @kernel
-    def draw_phases(data, streams, which, craft, row):
-        """Draw the phase of the modulator's sine, in turns, for the craft of the worlds ``which``."""
-        lanes = data.shape[2]
-        for k in range(which.shape[0]):
-            for c in range(craft):
-                b, w = (which[k] * craft + c) // lanes, (which[k] * craft + c) % lanes
-                data[b, row, w] = uniform_pair(_valve_words(b, w, streams, 0xFFFFFFFF, 0)[0])[0]
-
-    @njit(forceinline=True)
-    def _cut(b, data, vehicle, move, state, clock):
-        """Into how many equal sub-steps each craft cuts the period; returns the most of them."""
-        most, fewest, period = 0, vehicle.modulator.substeps, vehicle.constants.period
-        for w in range(state.shape[1]):
-            count = equal_substeps(b, w, data, state, period, fewest, vehicle.constants) if move else fewest
-            clock[_COUNT, w], clock[_EACH, w] = count, period / count
-            most = int(count) if count > most else most
-        return most
-
-    @njit(forceinline=True)
-    def _valve_words(b, w, streams, block, step):
-        """Four random words of a craft for its modulator."""
-        return philox(
-            np.uint64(block), np.uint64(step), streams[b, at.EPISODE, w],
-            streams[b, at.CRAFT, w] | np.uint64(VALVES << 32),
-            streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w],
-        )  # fmt: skip
-
     return fly_period
 
 
@@ -194,7 +166,7 @@ def _fly_block(b, batch, vehicle, move, work):
     data, faults, rows, period = batch.data, batch.faults, vehicle.rows, vehicle.constants.period
     clock, valves, sums, state = work.clock, work.valves, work.sums, work.state
     n, lanes = rows.thrusters, state.shape[1]
-    load_state(b, data, work.columns, rows, state, lanes)
+    load_state(b, data, work.columns, vehicle, state, lanes)
     load_storage(b, batch, vehicle, vehicle.storage, work.storage, state)
     _command_valves(b, batch, vehicle, work.pulses, valves)
     draw_words(b, batch, work.words, n, lanes)
@@ -239,7 +211,7 @@ def _fly_block(b, batch, vehicle, move, work):
     _store(b, data, vehicle, work.pulses, valves)
     if move:
         freeze_lost(b, data, state, work.sight[0], lanes)
-        store_state(b, data, state, 0, lanes)
+        store_state(b, data, vehicle, state, 0, lanes)
         expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, state)
         look(b, data, vehicle, work.words, state, work.sight, lanes)

@@ -73,6 +73,28 @@ class Elliptic(NamedTuple):
     breadth: float
 
 
+class Ellipse(NamedTuple):
+    """Where LVLH stands on its ellipse, for who flies about orbits of any kind.
+
+    Attributes:
+        mean_motion: As the next three it is one of :class:`LinearElliptic`.
+        semi_major_axis: m.
+        eccentricity: 1.
+        breadth: 1.
+        time: Since perigee, s.
+        anomaly: True anomaly, rad, from -pi to pi.
+        angle: From a direction at rest in the plane of the orbit, rad.
+    """
+
+    mean_motion: float
+    semi_major_axis: float
+    eccentricity: float
+    breadth: float
+    time: float
+    anomaly: float
+    angle: float
+
+
 class Oblate(NamedTuple):
     """An orbit about an oblate planet.
 
@@ -130,6 +152,33 @@ class OblateMotion(NamedTuple):
     acceleration_z: float
     radius: float
     north: tuple[float, float, float]
+
+
+_KINDS = (Hill, Circular, LinearElliptic, Elliptic, Oblate)
+
+#: Numbers of the reference of each kind.
+REFERENCE_SIZES = {Hill: 0, Circular: 0, LinearElliptic: 1, Elliptic: 1, Oblate: 6}
+
+
+def pack_orbit(
+    orbit: Hill | Circular | LinearElliptic | Elliptic | Oblate,
+) -> tuple[tuple[float, ...], tuple[None, ...]]:
+    """An orbit as plain tuples: its numbers, and as many None as its kind stands behind the first."""
+    return tuple(orbit), (None,) * _KINDS.index(type(orbit))
+
+
+@njit(forceinline=True)
+def open_orbit(numbers, kind):
+    """The orbit that :func:`pack_orbit` made plain; which kind it is, is decided when compiled."""
+    if len(kind) == 0:
+        return Hill(numbers[0])
+    if len(kind) == 1:
+        return Circular(numbers[0], numbers[1])
+    if len(kind) == 2:
+        return LinearElliptic(numbers[0], numbers[1], numbers[2], numbers[3])
+    if len(kind) == 3:
+        return Elliptic(numbers[0], numbers[1], numbers[2], numbers[3])
+    return Oblate(numbers[0], numbers[1])
 
 
 def kind_of(orbit: Orbit, *, nonlinear: bool) -> Hill | Circular | LinearElliptic | Elliptic | Oblate:
@@ -404,7 +453,7 @@ def oblate_acceleration(r, v, motion, mu, strength):
 
 
 # Whatever the kind of orbit --------------------------------------------------------------------------------
-# Each function here stands for one of each kind (`_chosen_by_kind`, below).
+# Each function here stands for one of each kind (`chosen_by_kind`, below).
 
 
 def step_frames(orbit, reference, h):
@@ -416,7 +465,10 @@ def step_frames(orbit, reference, h):
 
 
 def follow_frame(orbit, before, after, h, q):
-    """Attitude against LVLH after ``h`` seconds at rest in inertial space, between two motions of LVLH."""
+    """Attitude against LVLH after ``h`` seconds at rest in inertial space, between two motions of LVLH.
+
+    Exactly the same attitude if there are none.
+    """
     return _FOLLOW_FRAME[type(orbit)](orbit, before, after, h, q)
 
 
@@ -428,6 +480,55 @@ def free_acceleration(orbit, motion, r, v):
 def frame_rate(orbit, reference):
     """Rate at which LVLH turns, rad/s, in its own axes; it never turns about its y."""
     return _FRAME_RATE[type(orbit)](orbit, reference)
+
+
+def read_reference(orbit, rows, first, w):
+    """The reference of craft ``w`` out of an array (rows, craft), from row ``first`` on; None without one."""
+    return _READ_REFERENCE[type(orbit)](orbit, rows, first, w)
+
+
+def write_reference(orbit, rows, first, w, reference):
+    """Write the reference of craft ``w`` there."""
+    return _WRITE_REFERENCE[type(orbit)](orbit, rows, first, w, reference)
+
+
+def reference_of(orbit, motion):
+    """The reference that belongs to a motion of LVLH; None on a circular orbit."""
+    return _REFERENCE_OF[type(orbit)](orbit, motion)
+
+
+def reference_after(orbit, reference, duration, steps):
+    """The reference ``duration`` seconds later, which may be negative, in so many integration steps."""
+    return _REFERENCE_AFTER[type(orbit)](orbit, reference, duration, steps)
+
+
+def free_velocity(orbit, reference, drift, duration, steps, r, v):
+    """Velocity, m/s, after free motion for ``duration`` seconds until LVLH stands at a reference.
+
+    Args:
+        orbit: By the linear equations, with J2 without linearisation.
+        reference: At the end.
+        drift: Lower half of the transition matrix, row by row, for circular orbits.
+        duration: s.
+        steps: Integration steps, where there are some.
+        r: Position at the start, m.
+        v: Velocity then, m/s.
+    """
+    return _FREE_VELOCITY[type(orbit)](orbit, reference, drift, duration, steps, r, v)
+
+
+def osculating(orbit, reference):
+    """The :class:`Ellipse` on which LVLH moves; None for a circular orbit.
+
+    Its angle is the true anomaly, but with J2 the argument of latitude.
+    """
+    return _OSCULATING[type(orbit)](orbit, reference)
+
+
+@njit(forceinline=True)
+def open_ellipse(numbers):
+    """The :class:`Ellipse` of an array (7,)."""
+    return Ellipse(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6])
 
 
 def _steady_frames(orbit, reference, h):
@@ -456,12 +557,15 @@ def _follow_elliptic(orbit, before, after, h, q):
     c = before.cosine * after.cosine + before.sine * after.sine
     s = before.cosine * after.sine - before.sine * after.cosine
     # past apogee the half of the anomaly has gone from pi / 2 to - pi / 2
-    return turn_frame(q, c if c >= 0.0 else -c, s if c >= 0.0 else -s)
+    s = s if c >= 0.0 else -s
+    c = abs(c) if h != 0.0 else 1.0
+    return turn_frame(q, c, s)
 
 
 def _follow_oblate(orbit, before, after, h, q):
     start, end = oblate_attitude(before.reference), oblate_attitude(after.reference)
-    return quaternion_product(q, quaternion_product(start, conjugate(end)))
+    turned = quaternion_product(start, conjugate(end))
+    return quaternion_product(q, turned if h != 0.0 else (1.0, 0.0, 0.0, 0.0))
 
 
 def _accelerate_by_hill(orbit, motion, r, v):
@@ -497,6 +601,107 @@ def _oblate_rate(orbit, reference):
     return (motion.rate_x, 0.0, motion.rate_z)
 
 
+def _read_nothing(orbit, rows, first, w):
+    return None
+
+
+def _read_time(orbit, rows, first, w):
+    return rows[first, w]
+
+
+def _read_six(orbit, rows, first, w):
+    return (
+        rows[first, w], rows[first + 1, w], rows[first + 2, w], rows[first + 3, w], rows[first + 4, w],
+        rows[first + 5, w],
+    )  # fmt: skip
+
+
+def _write_nothing(orbit, rows, first, w, reference):
+    return None
+
+
+def _write_time(orbit, rows, first, w, reference):
+    rows[first, w] = reference
+
+
+def _write_six(orbit, rows, first, w, reference):
+    rows[first, w], rows[first + 1, w], rows[first + 2, w] = reference[0], reference[1], reference[2]
+    rows[first + 3, w], rows[first + 4, w], rows[first + 5, w] = reference[3], reference[4], reference[5]
+
+
+def _no_reference_of(orbit, motion):
+    return None
+
+
+def _reference_of_motion(orbit, motion):
+    return motion.reference
+
+
+def _nothing_after(orbit, reference, duration, steps):
+    return None
+
+
+def _time_after(orbit, reference, duration, steps):
+    return reference + duration
+
+
+def _six_after(orbit, reference, duration, steps):
+    h = 0.5 * duration / steps
+    for _ in range(2 * steps):
+        reference = oblate_step(orbit, reference, h)
+    return reference
+
+
+def _velocity_by_matrix(orbit, reference, drift, duration, steps, r, v):
+    k, x, y, z, a, b, c = drift, r[0], r[1], r[2], v[0], v[1], v[2]
+    return (
+        k[0] * x + k[1] * y + k[2] * z
+        + k[3] * a + k[4] * b + k[5] * c,
+        k[6] * x + k[7] * y + k[8] * z
+        + k[9] * a + k[10] * b + k[11] * c,
+        k[12] * x + k[13] * y + k[14] * z
+        + k[15] * a + k[16] * b + k[17] * c,
+    )  # fmt: skip
+
+
+def _velocity_about_ellipse(orbit, reference, drift, duration, steps, r, v):
+    before, after = frame_motion(orbit, reference - duration), frame_motion(orbit, reference)
+    _, moved = free_motion(orbit.eccentricity, before, after, duration, r, v)
+    return moved
+
+
+def _velocity_in_steps(orbit, reference, drift, duration, steps, r, v):
+    h, nothing = duration / steps, (0.0, 0.0, 0.0)
+    place = reference_after(orbit, reference, -duration, steps)
+    for _ in range(steps):
+        frames = step_frames(orbit, place, h)
+        r, v = translation_step(r, v, nothing, nothing, nothing, orbit, frames, h)
+        place = frames[2].reference
+    return v
+
+
+def _no_ellipse(orbit, reference):
+    return None
+
+
+def _own_ellipse(orbit, reference):
+    motion = frame_motion(orbit, reference)
+    anomaly = 2.0 * math.atan2(motion.sine, motion.cosine)
+    n, a, e = orbit.mean_motion, orbit.semi_major_axis, orbit.eccentricity
+    return Ellipse(n, a, e, orbit.breadth, reference, anomaly, anomaly)
+
+
+def _osculating_ellipse(orbit, reference):
+    radius, climb, momentum, _, _, latitude = reference
+    p = momentum * momentum / orbit.mu
+    ec, es = p / radius - 1.0, momentum * climb / orbit.mu
+    e = math.hypot(ec, es)
+    a = p / (1.0 - e * e)
+    n, anomaly = math.sqrt(orbit.mu / a) / a, math.atan2(es, ec)
+    breadth = math.sqrt(1.0 - e * e)
+    return Ellipse(n, a, e, breadth, _since_perigee(n, e, anomaly), anomaly, latitude)
+
+
 _STEP_FRAMES = {
     Hill: _steady_frames, Circular: _steady_frames, LinearElliptic: _elliptic_frames,
     Elliptic: _elliptic_frames, Oblate: _oblate_frames,
@@ -515,7 +720,33 @@ _FRAME_RATE = {
 }  # fmt: skip
 
 
-def _chosen_by_kind(function, kinds):
+_READ_REFERENCE = {
+    Hill: _read_nothing, Circular: _read_nothing, LinearElliptic: _read_time, Elliptic: _read_time,
+    Oblate: _read_six,
+}  # fmt: skip
+_WRITE_REFERENCE = {
+    Hill: _write_nothing, Circular: _write_nothing, LinearElliptic: _write_time, Elliptic: _write_time,
+    Oblate: _write_six,
+}  # fmt: skip
+_REFERENCE_OF = {
+    Hill: _no_reference_of, Circular: _no_reference_of, LinearElliptic: _reference_of_motion,
+    Elliptic: _reference_of_motion, Oblate: _reference_of_motion,
+}  # fmt: skip
+_REFERENCE_AFTER = {
+    Hill: _nothing_after, Circular: _nothing_after, LinearElliptic: _time_after, Elliptic: _time_after,
+    Oblate: _six_after,
+}  # fmt: skip
+_FREE_VELOCITY = {
+    Hill: _velocity_by_matrix, Circular: _velocity_by_matrix, LinearElliptic: _velocity_about_ellipse,
+    Elliptic: _velocity_about_ellipse, Oblate: _velocity_in_steps,
+}  # fmt: skip
+_OSCULATING = {
+    Hill: _no_ellipse, Circular: _no_ellipse, LinearElliptic: _own_ellipse, Elliptic: _own_ellipse,
+    Oblate: _osculating_ellipse,
+}  # fmt: skip
+
+
+def chosen_by_kind(function, kinds):
     """Let Numba compile, for a function of an orbit, the one that belongs to the type of the orbit."""
 
     def choose(orbit, *arguments):  # Numba calls it with the types of all
@@ -524,10 +755,15 @@ def _chosen_by_kind(function, kinds):
     overload(function, jit_options={"forceinline": True}, strict=False)(choose)
 
 
-_chosen_by_kind(step_frames, _STEP_FRAMES)
-_chosen_by_kind(follow_frame, _FOLLOW_FRAME)
-_chosen_by_kind(free_acceleration, _FREE_ACCELERATION)
-_chosen_by_kind(frame_rate, _FRAME_RATE)
+for _function, _by_kind in (
+    (read_reference, _READ_REFERENCE), (write_reference, _WRITE_REFERENCE), (reference_of, _REFERENCE_OF),
+    (reference_after, _REFERENCE_AFTER), (free_velocity, _FREE_VELOCITY), (osculating, _OSCULATING),
+):  # fmt: skip
+    chosen_by_kind(_function, _by_kind)
+chosen_by_kind(step_frames, _STEP_FRAMES)
+chosen_by_kind(follow_frame, _FOLLOW_FRAME)
+chosen_by_kind(free_acceleration, _FREE_ACCELERATION)
+chosen_by_kind(frame_rate, _FRAME_RATE)
 
 
 @njit(forceinline=True)
@@ -683,7 +919,7 @@ def _anomaly(e, motion):
 
 
 class Elements(NamedTuple):
-    """What the reference at the start of an episode follows from: m, 1, m^3/s^2, and three angles in rad."""
+    """What the reference at the start of an episode follows from: m, 1, m^3/s^2, s, and angles in rad."""
 
     semi_major_axis: float
     eccentricity: float
@@ -691,6 +927,9 @@ class Elements(NamedTuple):
     inclination: float
     raan: float
     argument_of_perigee: float
+    true_anomaly: float
+    true_anomaly_dispersion: float
+    epoch: float
 
     @classmethod
     def of(cls, orbit: Orbit) -> "Elements":
@@ -709,19 +948,48 @@ def true_anomaly_at(orbit: Orbit, time: float) -> float:
     return 2.0 * math.atan2(motion.sine, motion.cosine)
 
 
+@njit(forceinline=True)
+def open_elements(numbers):
+    """The :class:`Elements` of a plain tuple of them."""
+    return Elements(
+        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
+        numbers[8],
+    )  # fmt: skip
+
+
+@njit
+def anomaly_at_start(elements, chance):
+    """True anomaly at the start of an episode, rad, by a number from 0 to 1; J2 is left out."""
+    e = elements.eccentricity
+    anomaly = elements.true_anomaly + elements.true_anomaly_dispersion * (2.0 * chance - 1.0)
+    if elements.epoch == 0.0:
+        return anomaly
+    n = math.sqrt(elements.gravitational_parameter / elements.semi_major_axis) / elements.semi_major_axis
+    mean = n * _since_perigee(n, e, anomaly) - n * elements.epoch
+    mean -= 2.0 * math.pi * math.floor(mean / (2.0 * math.pi) + 0.5)
+    half = 0.5 * eccentric_anomaly(mean, e)
+    return 2.0 * math.atan2(math.sqrt(1.0 + e) * math.sin(half), math.sqrt(1.0 - e) * math.cos(half))
+
+
+@njit(forceinline=True)
+def _since_perigee(n, e, anomaly):
+    """Time since perigee, s, at a true anomaly, rad."""
+    half = 0.5 * anomaly
+    eccentric = 2.0 * math.atan2(math.sqrt(1.0 - e) * math.sin(half), math.sqrt(1.0 + e) * math.cos(half))
+    return (eccentric - e * math.sin(eccentric)) / n
+
+
 def reference_at(orbit, elements, anomaly):
-    """The reference of a craft when LVLH stands at a true anomaly, rad: a tuple of numbers."""
+    """The reference of a craft when LVLH stands at a true anomaly, rad."""
     return _REFERENCE_AT[type(orbit)](orbit, elements, anomaly)
 
 
 def _no_reference(orbit, elements, anomaly):
-    return ()
+    return None
 
 
 def _elliptic_reference(orbit, elements, anomaly):
-    e, half = elements.eccentricity, 0.5 * anomaly
-    eccentric = 2.0 * math.atan2((1.0 - e) ** 0.5 * math.sin(half), (1.0 + e) ** 0.5 * math.cos(half))
-    return ((eccentric - e * math.sin(eccentric)) / orbit.mean_motion,)
+    return _since_perigee(orbit.mean_motion, elements.eccentricity, anomaly)
 
 
 def _oblate_reference(orbit, elements, anomaly):
@@ -742,4 +1010,4 @@ _REFERENCE_AT = {
     Hill: _no_reference, Circular: _no_reference,
     LinearElliptic: _elliptic_reference, Elliptic: _elliptic_reference, Oblate: _oblate_reference,
 }  # fmt: skip
-_chosen_by_kind(reference_at, _REFERENCE_AT)
+chosen_by_kind(reference_at, _REFERENCE_AT)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thruster_envs.physics.plasma_pulse import PulseMap
-from thruster_envs.physics.vehicle import Constants, Pulses
+from thruster_envs.physics.vehicle import ORBIT_TURN, Constants, Pulses
 from thruster_envs.spacecraft import Discharge, Spacecraft
 from thruster_envs.spacecraft.description import LARGEST, Vector
 
@@ -65,15 +65,17 @@ class PulsedFlight:
                 f"pulsed plasma thrusters, got {len(spacecraft.reaction_wheels)} and "
                 f"{len(spacecraft.control_moment_gyros)}"
             )
-        table = PulseMap.of(discharge)
+        table, orbit = PulseMap.of(discharge), spacecraft.reference_orbit
+        scale = orbit.mean_motion**2 if orbit.is_steady else 1.0
+        longest = max_substep or min(SUBSTEP, ORBIT_TURN / orbit.fastest_rate)
         return Pulses(
             capacitors=np.array([thruster.capacitor for thruster in spacecraft.thrusters]),
             logarithms=table.logarithms,
             resistance=table.resistance,
             firing_time=discharge.firing_time,
-            gradient=3.0 * spacecraft.mean_motion**2 if self.gravity_gradient else 0.0,
+            gradient=3.0 * scale if self.gravity_gradient else 0.0,
             bias=self.bias_torque,
-            substeps=math.ceil(spacecraft.control_period / (max_substep or SUBSTEP)),
+            substeps=math.ceil(spacecraft.control_period / longest),
             bias_of_loss=self.fault_bias[0],
             bias_of_gain=self.fault_bias[1],
         )

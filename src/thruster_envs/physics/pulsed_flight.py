@@ -4,7 +4,9 @@ Models attitude alone, against the local-vertical frame as it stands when the ep
 inertial space. A firing takes tens of microseconds, so it is an impulse at the start of the period: nominal
 thrust times the firing time of the discharge times what faults and scatter make of it. Then the craft moves
 freely, under the gravity gradient (the vertical turns with the mean motion) and a constant torque in body
-axes: RK4 for the rate, a fourth-order Magnus step for the attitude.
+axes: RK4 for the rate, a fourth-order Magnus step for the attitude. On an elliptic orbit the vertical turns
+with the true anomaly and the gradient goes with the cube of the distance; with J2 the vertical is that of the
+disturbed orbit, and the gradient that of a sphere.
 
 Thrusters that share a capacitor never fire together. Where several are asked to, the one with the highest
 duty fires, the first of them at a tie; the others do not.
@@ -45,10 +47,32 @@ from thruster_envs.physics.attitude import (
     quaternion_product,
     rate_step,
     rotate,
+    rotate_back,
     turn,
 )
-from thruster_envs.physics.body import STATE_ROWS, equal_substeps, freeze_lost, load_state, store_state
+from thruster_envs.physics.body import (
+    REFERENCE,
+    STORED,
+    equal_substeps,
+    freeze_lost,
+    load_state,
+    store_state,
+)
 from thruster_envs.physics.borrowed import borrow, keep
+from thruster_envs.physics.orbits import (
+    Circular,
+    Elliptic,
+    Hill,
+    LinearElliptic,
+    Oblate,
+    chosen_by_kind,
+    frame_motion,
+    oblate_attitude,
+    read_reference,
+    reference_of,
+    step_frames,
+    write_reference,
+)
 from thruster_envs.physics.plasma_pulse import pulse_ratio
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
@@ -98,7 +122,7 @@ def compile_period(lanes: int) -> Any:
         words, owned = np.zeros((word_rows(n), lanes), np.uint64), (
             np.zeros((_FIRING_GROUPS * n, lanes)),
             np.zeros((6 * n, lanes)),
-            np.zeros((STATE_ROWS, lanes)),
+            np.zeros((STORED, lanes)),
             np.zeros((_CLOCK, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
         )  # fmt: skip
@@ -118,7 +142,7 @@ def _fly_block(b, batch, vehicle, move, work):
     data, faults, constants, bias = batch.data, batch.faults, vehicle.constants, vehicle.pulses.bias
     firings, columns, state, clock, sight = work.firings, work.columns, work.state, work.clock, work.sight
     n, lanes, period = vehicle.rows.thrusters, state.shape[1], constants.period
-    load_state(b, data, columns, vehicle.rows, state, lanes)
+    load_state(b, data, columns, vehicle, state, lanes)
     for w in range(lanes):
         clock[_START, w], clock[_BEFORE, w], clock[_LENGTH, w] = data[b, at.STEP, w] * period, 0.0, period
         clock[_TORQUE, w], clock[_TORQUE + 1, w], clock[_TORQUE + 2, w] = bias[0], bias[1], bias[2]
@@ -133,7 +157,7 @@ def _fly_block(b, batch, vehicle, move, work):
             late |= _strike(b, w, batch, vehicle, work)
     _fire(b, data, vehicle, work)
     if move:
-        _find_vertical(constants, clock)
+        find_vertical(vehicle.body.orbit, clock)
         if late:
             _fly_in_pieces(b, data, vehicle, work)
         else:
@@ -142,7 +166,7 @@ def _fly_block(b, batch, vehicle, move, work):
                     clock[_KICK + k, w] = data[b, at.IMPULSE + 3 + k, w]
             _move(b, data, vehicle, state, clock)
         freeze_lost(b, data, state, sight[0], lanes)
-        store_state(b, data, state, _Q, lanes)
+        store_state(b, data, vehicle, state, _Q, lanes)
         expected_change(b, data, vehicle, firings, _NOMINAL * n, sight, lanes)
         look(b, data, vehicle, work.words, state, sight, lanes)
         for k in range(3):
@@ -246,12 +270,26 @@ def _fire(b, data, vehicle, work):
         data[b, at.STEP, w] += 1.0
 
 
-@njit(forceinline=True)
-def _find_vertical(constants, clock):
-    """Where the vertical stands at the start of the period."""
+def find_vertical(orbit, clock):
+    """Where the vertical stands at the start of the period, on a circular orbit."""
+    _FIND_VERTICAL[type(orbit)](orbit, clock)
+
+
+def _find_steadily(orbit, clock):
     for w in range(clock.shape[1]):
-        angle = constants.mean_motion * clock[_START, w]
+        angle = orbit.mean_motion * clock[_START, w]
         clock[_COSINE, w], clock[_SINE, w] = math.cos(angle), math.sin(angle)
+
+
+def _find_nothing(orbit, clock):
+    return None
+
+
+_FIND_VERTICAL = {
+    Hill: _find_steadily, Circular: _find_steadily, LinearElliptic: _find_nothing, Elliptic: _find_nothing,
+    Oblate: _find_nothing,
+}  # fmt: skip
+chosen_by_kind(find_vertical, _FIND_VERTICAL)
 
 
 @njit(forceinline=True)
@@ -296,7 +334,9 @@ def _next_pulse(w, vehicle, work):
 def _move(b, data, vehicle, state, clock):
     """Give every craft the impulse that is due and let it move for the length of the piece."""
     constants, body, gradient = vehicle.constants, vehicle.body, vehicle.pulses.gradient
-    lanes, mean_motion, fewest = state.shape[1], constants.mean_motion, vehicle.pulses.substeps
+    lanes, fewest, block, first = (
+        state.shape[1], vehicle.pulses.substeps, data[b], vehicle.rows.first_reference
+    )  # fmt: skip
     most = 0
     for w in range(lanes):
         kick = angular_acceleration(
@@ -312,37 +352,39 @@ def _move(b, data, vehicle, state, clock):
         for w in range(lanes):
             h = clock[_LENGTH, w] / clock[_COUNT, w] if step < clock[_COUNT, w] else 0.0
             offset = clock[_BEFORE, w] + step * h
+            frames = step_frames(body.orbit, read_reference(body.orbit, state, REFERENCE, w), h)
+            start = read_reference(body.orbit, block, first, w)
             vertical = (clock[_COSINE, w], clock[_SINE, w])
             q, rate = _turned(
                 (state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w]),
                 (state[_W, w], state[_W + 1, w], state[_W + 2, w]),
                 h,
-                (_ahead(vertical, mean_motion * offset), _ahead(vertical, mean_motion * (offset + 0.5 * h)),
-                 _ahead(vertical, mean_motion * (offset + h))),
+                verticals(body.orbit, frames, start, vertical, offset, h, gradient),
                 (clock[_TORQUE, w], clock[_TORQUE + 1, w], clock[_TORQUE + 2, w]),
-                gradient, body,
+                body,
             )  # fmt: skip
+            write_reference(body.orbit, state, REFERENCE, w, reference_of(body.orbit, frames[2]))
             state[_Q, w], state[_Q + 1, w], state[_Q + 2, w], state[_Q + 3, w] = q[0], q[1], q[2], q[3]
             state[_W, w], state[_W + 1, w], state[_W + 2, w] = rate[0], rate[1], rate[2]
 
 
 @njit(forceinline=True)
-def _turned(q, rate, h, verticals, torque, strength, body):
+def _turned(q, rate, h, pulls, torque, body):
     """Attitude and rate after ``h`` seconds of free motion.
 
-    ``verticals`` is where the vertical stands at the start, middle and end, in the reference frame. The
-    gravity gradient there is that of an attitude to second order.
+    ``pulls`` are those of :func:`verticals`. The gravity gradient there is that of an attitude to second
+    order.
     """
     inertia, inverse = body.inertia, body.inverse
-    torque_0 = _torque(q, verticals[0], torque, strength, inertia)
+    torque_0 = _torque(q, pulls[0], torque, inertia)
     a = angular_acceleration(rate, torque_0, inertia, inverse)
     q_m = _roughly_turned(q, rate, a, 0.5 * h)
     q_1 = _roughly_turned(q, rate, a, h)
     _, middle, end = rate_step(
         rate,
         torque_0,
-        _torque(q_m, verticals[1], torque, strength, inertia),
-        _torque(q_1, verticals[2], torque, strength, inertia),
+        _torque(q_m, pulls[1], torque, inertia),
+        _torque(q_1, pulls[2], torque, inertia),
         inertia,
         inverse,
         h,
@@ -362,17 +404,81 @@ def _roughly_turned(q, rate, acceleration, h):
 
 
 @njit(forceinline=True)
-def _torque(q, vertical, torque, strength, inertia):
-    gradient = gravity_gradient(rotate(q, (vertical[0], vertical[1], 0.0)), strength, inertia)
+def _torque(q, pull, torque, inertia):
+    gradient = gravity_gradient(rotate(q, (pull[0], pull[1], pull[2])), pull[3], inertia)
     return (torque[0] + gradient[0], torque[1] + gradient[1], torque[2] + gradient[2])
 
 
+def verticals(orbit, frames, start, vertical, offset, h, gradient):
+    """Where the vertical stands at the start, middle and end of a sub-step, and how strong the gradient is.
+
+    Args:
+        orbit: Of any kind.
+        frames: Motions of LVLH, as :func:`.orbits.step_frames` gives them.
+        start: The reference of LVLH at the start of the episode.
+        vertical: On a circular orbit, where the vertical stands at the start of the period.
+        offset: From there to the start of the sub-step, s.
+        h: Length of the sub-step, s.
+        gradient: As :class:`.vehicle.Pulses` has it.
+
+    Returns:
+        Three times the direction, in LVLH as it stood at the start of the episode, and the strength, 1/s^2.
+    """
+    return _VERTICALS[type(orbit)](orbit, frames, start, vertical, offset, h, gradient)
+
+
+def _steady_verticals(orbit, frames, start, vertical, offset, h, gradient):
+    n = orbit.mean_motion
+    return (
+        _ahead(vertical, n * offset, gradient),
+        _ahead(vertical, n * (offset + 0.5 * h), gradient),
+        _ahead(vertical, n * (offset + h), gradient),
+    )
+
+
+def _elliptic_verticals(orbit, frames, start, vertical, offset, h, gradient):
+    first = frame_motion(orbit, start)
+    return (
+        _about(first, frames[0], gradient), _about(first, frames[1], gradient),
+        _about(first, frames[2], gradient),
+    )  # fmt: skip
+
+
+def _oblate_verticals(orbit, frames, start, vertical, offset, h, gradient):
+    first, pull = oblate_attitude(start), gradient * orbit.mu
+    return (
+        _over(first, frames[0], pull), _over(first, frames[1], pull), _over(first, frames[2], pull),
+    )  # fmt: skip
+
+
+_VERTICALS = {
+    Hill: _steady_verticals, Circular: _steady_verticals, LinearElliptic: _elliptic_verticals,
+    Elliptic: _elliptic_verticals, Oblate: _oblate_verticals,
+}  # fmt: skip
+chosen_by_kind(verticals, _VERTICALS)
+
+
 @njit(forceinline=True)
-def _ahead(vertical, angle):
+def _ahead(vertical, angle, gradient):
     """The vertical a small angle further on: series, exact to rounding up to 0.02 rad."""
     z = angle * angle
     c, s = 1.0 - 0.5 * z * (1.0 - 1 / 12 * z), angle * (1.0 - 1 / 6 * z * (1.0 - 1 / 20 * z))
-    return (c * vertical[0] - s * vertical[1], s * vertical[0] + c * vertical[1])
+    return (c * vertical[0] - s * vertical[1], s * vertical[0] + c * vertical[1], 0.0, gradient)
+
+
+@njit(forceinline=True)
+def _about(first, motion, gradient):
+    """The vertical of a motion on an ellipse, from LVLH of another one."""
+    c = first.cosine * motion.cosine + first.sine * motion.sine
+    s = first.cosine * motion.sine - first.sine * motion.cosine
+    return (1.0 - 2.0 * s * s, 2.0 * s * c, 0.0, gradient * motion.gravity)
+
+
+@njit(forceinline=True)
+def _over(first, motion, pull):
+    """The vertical of a motion with J2, from LVLH of an attitude."""
+    up = rotate(first, rotate_back(oblate_attitude(motion.reference), (1.0, 0.0, 0.0)))
+    return (up[0], up[1], up[2], pull / (motion.radius * motion.radius * motion.radius))
 
 
 @njit

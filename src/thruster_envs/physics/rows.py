@@ -27,7 +27,8 @@ MEASURED_CHANGE = 29  # 6, rate change of the last period as measured, body axes
 EXPECTED_CHANGE = 35  # 6, the same as the nominal vehicle would have given
 IMPULSE = 41  # 6, what the thrusters gave in the last period: N s and N m s, body axes
 LOST = 47  # 1 once the craft could not be followed any further: it stays where it was; else 0
-DUTIES = 48  # one for each thruster, 0..1, commanded in the last period; Rows has what follows
+FRAME_RATE = 48  # 2, rad/s: at which LVLH turns about its x and about its z
+DUTIES = 50  # one for each thruster, 0..1, commanded in the last period; Rows has what follows
 
 # A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that
 # the thruster would give if its thrust were turned by a right angle towards the fault's azimuth.
@@ -69,6 +70,9 @@ class Rows(NamedTuple):
         measured_angles: The angles as measured: g rows.
         stored_momentum: Where there is a wheel or a gyro, mean of what they stored in the last period by what
             was measured, N m s, body axes: 3 rows.
+        reference: Where LVLH stands, as :mod:`.orbits` has it: as many rows as the kind of orbit has numbers,
+            none on a circular orbit.
+        first_reference: The same at the start of the episode, for craft on pulsed plasma thrusters.
         fields: Number of rows.
     """
 
@@ -93,10 +97,20 @@ class Rows(NamedTuple):
     measured_speeds: int
     measured_angles: int
     stored_momentum: int
+    reference: int
+    first_reference: int
     fields: int
 
 
-def arrange(thrusters: int, carried: int | None = None, wheels: int = 0, gyros: int = 0) -> Rows:
+def arrange(
+    thrusters: int,
+    carried: int | None = None,
+    wheels: int = 0,
+    gyros: int = 0,
+    reference: int = 0,
+    *,
+    pulsed: bool = False,
+) -> Rows:
     """The rows of a vehicle.
 
     Args:
@@ -104,6 +118,8 @@ def arrange(thrusters: int, carried: int | None = None, wheels: int = 0, gyros: 
         carried: Number of earlier pulses that its modulator may still have open; None without a modulator.
         wheels: Number of reaction wheels.
         gyros: Number of control-moment gyros.
+        reference: Numbers that say where LVLH stands.
+        pulsed: Whether its thrusters are pulsed plasma thrusters.
     """
     modulated, pulses = carried is not None, carried or 0
     sizes = {
@@ -124,6 +140,8 @@ def arrange(thrusters: int, carried: int | None = None, wheels: int = 0, gyros: 
         "measured_speeds": wheels,
         "measured_angles": gyros,
         "stored_momentum": 3 * (wheels + gyros > 0),
+        "reference": reference,
+        "first_reference": reference * pulsed,
     }
     first, row = {}, DUTIES
     for name, size in sizes.items():

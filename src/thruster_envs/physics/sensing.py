@@ -3,8 +3,9 @@
 Models white noise of a stated size on each axis, normal or uniform, independent from one control period to
 the next (Yang 2003, section 6.4: carrier-phase differential GPS). The *measured rate change* of a period is
 the difference of two consecutive velocity measurements less what free motion would have done in between
-(orbital drift and gyroscopic coupling), in body axes; the *expected* one is what the nominal vehicle would
-have given for the same command, feed coupling included. Both are beliefs: neither sees a fault.
+(orbital drift, by the linear equations or with J2, and gyroscopic coupling), in body axes; the *expected* one
+is what the nominal vehicle would have given for the same command, feed coupling included. Both are beliefs:
+neither sees a fault.
 
 Faults of sensors (:func:`apply_sensor_faults`) act on what is measured, and by it on everything that follows;
 what truly is stays as it is. What they add is added to the measurement without faults, noise included: all of
@@ -33,6 +34,8 @@ from thruster_envs.physics.attitude import (
     rotate,
     symmetric_product,
 )
+from thruster_envs.physics.body import reference_steps
+from thruster_envs.physics.orbits import free_velocity, read_reference
 from thruster_envs.physics.vehicle import open_batch, open_vehicle
 from thruster_envs.random import MEASUREMENT, STEP, normal_pair, philox, uniform_pair
 
@@ -100,17 +103,15 @@ def measure(truth, noise, constants):
 
 
 @njit(forceinline=True)
-def measured_change(before, after, constants, body):
-    """Rate change of a period in body axes, m/s and rad/s, from two measurements, free motion removed."""
-    period, k = constants.period, constants.velocity_drift
-    x, y, z, u, v, w = before[0], before[1], before[2], before[3], before[4], before[5]
-    drift = (
-        k[0] * x + k[1] * y + k[2] * z
-        + k[3] * u + k[4] * v + k[5] * w,
-        k[6] * x + k[7] * y + k[8] * z
-        + k[9] * u + k[10] * v + k[11] * w,
-        k[12] * x + k[13] * y + k[14] * z
-        + k[15] * u + k[16] * v + k[17] * w,
+def measured_change(before, after, constants, body, reference):
+    """Rate change of a period in body axes, m/s and rad/s, from two measurements, free motion removed.
+
+    ``reference`` says where LVLH stands at the end.
+    """
+    period = constants.period
+    drift = free_velocity(
+        body.orbit, reference, constants.velocity_drift, period, reference_steps(constants),
+        (before[0], before[1], before[2]), (before[3], before[4], before[5]),
     )  # fmt: skip
     q = (before[6], before[7], before[8], before[9])
     translation = rotate(q, (after[3] - drift[0], after[4] - drift[1], after[5] - drift[2]))
@@ -153,7 +154,7 @@ def look(b, data, vehicle, words, state, sight, lanes):
     The noise comes from the first six random words of each lane. ``state`` (14, lanes) is the true state,
     ``sight`` (SIGHT_ROWS, lanes) scratch.
     """
-    constants, body = vehicle.constants, vehicle.body
+    constants, body, block, row = vehicle.constants, vehicle.body, data[b], vehicle.rows.reference
     if constants.uniform_errors > 0.0:
         for k in range(6):
             for w in range(lanes):
@@ -193,7 +194,8 @@ def look(b, data, vehicle, words, state, sight, lanes):
             sight[25, w], sight[26, w], sight[27, w], sight[28, w], sight[29, w], sight[30, w], sight[31, w],
             sight[32, w], sight[33, w], sight[34, w], sight[35, w], sight[36, w], sight[37, w],
         )  # fmt: skip
-        change = measured_change(old, new, constants, body)
+        reference = read_reference(body.orbit, block, row, w)
+        change = measured_change(old, new, constants, body, reference)
         sight[38, w], sight[39, w], sight[40, w] = change[0], change[1], change[2]
         sight[41, w], sight[42, w], sight[43, w] = change[3], change[4], change[5]
     for k in range(13):
@@ -289,6 +291,7 @@ def apply_sensor_faults(arrays, faults, parts, before, translates, first, last):
                  data[b, m + 5, w], data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w],
                  data[b, m + 9, w], data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]),
                 constants, vehicle.body,
+                read_reference(vehicle.body.orbit, data[b], vehicle.rows.reference, w),
             )  # fmt: skip
             for k in range(0 if translates else 3, 6):
                 data[b, at.MEASURED_CHANGE + k, w] = change[k]

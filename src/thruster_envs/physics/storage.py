@@ -31,7 +31,7 @@ from thruster_envs.physics.attitude import (
     symmetric_product,
     turn,
 )
-from thruster_envs.physics.body import STATE_ROWS, move
+from thruster_envs.physics.body import STORED, move
 from thruster_envs.physics.borrowed import borrow
 
 FloatArray = NDArray[np.float64]
@@ -59,8 +59,8 @@ class StorageWork(NamedTuple):
 def state_rows(storage, rows):
     """Rows of the state of a block: with the speeds of the rotors and the angles of the gimbals."""
     if storage is None:
-        return STATE_ROWS
-    return STATE_ROWS + rows.number_of_wheels + rows.number_of_gyros
+        return STORED
+    return STORED + rows.number_of_wheels + rows.number_of_gyros
 
 
 @njit(forceinline=True)
@@ -91,9 +91,9 @@ def load_storage(b, batch, vehicle, storage, work, state):
         for w in range(state.shape[1]):
             work.time[w] = data[b, at.STEP, w] * vehicle.constants.period
             for i in range(rows.number_of_wheels):
-                state[STATE_ROWS + i, w] = data[b, rows.wheel_speeds + i, w]
+                state[STORED + i, w] = data[b, rows.wheel_speeds + i, w]
             for j in range(rows.number_of_gyros):
-                state[STATE_ROWS + rows.number_of_wheels + j, w] = data[b, rows.gimbal_angles + j, w]
+                state[STORED + rows.number_of_wheels + j, w] = data[b, rows.gimbal_angles + j, w]
 
 
 @njit(forceinline=True)
@@ -114,11 +114,11 @@ def _store_one(b, w, data, vehicle, storage, work, state):
     first = _measured_momentum(b, w, data, rows, storage, work)
     for i in range(m):
         if data[b, at.LOST, w] == 0.0:
-            data[b, rows.wheel_speeds + i, w] = state[STATE_ROWS + i, w]
+            data[b, rows.wheel_speeds + i, w] = state[STORED + i, w]
         data[b, rows.measured_speeds + i, w] = data[b, rows.wheel_speeds + i, w]
     for j in range(rows.number_of_gyros):
         if data[b, at.LOST, w] == 0.0:
-            data[b, rows.gimbal_angles + j, w] = state[STATE_ROWS + m + j, w]
+            data[b, rows.gimbal_angles + j, w] = state[STORED + m + j, w]
         data[b, rows.measured_angles + j, w] = data[b, rows.gimbal_angles + j, w]
     last = _measured_momentum(b, w, data, rows, storage, work)
     for k in range(3):
@@ -181,9 +181,9 @@ def substep_stored(b, w, batch, vehicle, storage, work, state, h, loads):
     while done < h:
         pieces += 1
         for i in range(m):
-            work.wheels[wheel.SPEED, i] = state[STATE_ROWS + i, w]
+            work.wheels[wheel.SPEED, i] = state[STORED + i, w]
         for j in range(g):
-            work.gyros[gyro.ANGLE, j] = state[STATE_ROWS + m + j, w]
+            work.gyros[gyro.ANGLE, j] = state[STORED + m + j, w]
         rate = (state[at.RATE, w], state[at.RATE + 1, w], state[at.RATE + 2, w])
         piece = h - done
         _decide(rate, _at_share(torques, done / h), body, storage, work)
@@ -208,9 +208,9 @@ def substep_stored(b, w, batch, vehicle, storage, work, state, h, loads):
                 _flows(flows, done, piece, h), push,
             )  # fmt: skip
         for i in range(m):
-            state[STATE_ROWS + i, w] = there if i == which else work.wheels[wheel.END, i]
+            state[STORED + i, w] = there if i == which else work.wheels[wheel.END, i]
         for j in range(g):
-            state[STATE_ROWS + m + j, w] += piece * work.gyros[gyro.RATE, j]
+            state[STORED + m + j, w] += piece * work.gyros[gyro.RATE, j]
         done = done + piece if h - done > piece else h
     work.time[w] += h
 

@@ -21,7 +21,18 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.actuators import gyros as gyro
 from thruster_envs.physics.actuators import wheels as wheel
 from thruster_envs.physics.borrowed import borrow
-from thruster_envs.physics.relative_orbit import orbit_radius, transition_matrix
+from thruster_envs.physics.orbits import (
+    REFERENCE_SIZES,
+    Circular,
+    Elliptic,
+    Hill,
+    LinearElliptic,
+    Oblate,
+    kind_of,
+    open_orbit,
+    pack_orbit,
+    transition_matrix,
+)
 from thruster_envs.spacecraft import Modulator, Spacecraft
 
 FloatArray = NDArray[np.float64]
@@ -110,7 +121,6 @@ class Constants(NamedTuple):
     Attributes:
         period: s.
         max_substep: s.
-        mean_motion: rad/s.
         coupling: Share of its thrust that a thruster loses for each further one that is open.
         dry_mass: kg.
         uniform_errors: 1 where measurement errors are uniform, 0 where they are normal.
@@ -130,12 +140,12 @@ class Constants(NamedTuple):
         spin_up: The most that the actuators give together, rad/s^2.
         stored_spin: The part of wheels and gyros in that, rad/s^2.
         stored_rate: Least sub-steps per second for what stores momentum, 1/s.
-        velocity_drift: Lower half of the HCW transition matrix over one period, row by row.
+        velocity_drift: Lower half of the transition matrix over one period on a circular orbit, row by row;
+            zeros on others, where it changes as time goes on.
     """
 
     period: float
     max_substep: float
-    mean_motion: float
     coupling: float
     dry_mass: float
     uniform_errors: float
@@ -163,14 +173,12 @@ class Body(NamedTuple):
     Attributes:
         inertia: kg m^2, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz).
         inverse: Of the inertia, in the same form.
-        mean_motion: Of the orbit, rad/s.
-        radius: Of the orbit, m; None for Hill's equations.
+        orbit: About which it moves, of one of the kinds of :mod:`.orbits`.
     """
 
     inertia: tuple[float, ...]
     inverse: tuple[float, ...]
-    mean_motion: float
-    radius: float | None
+    orbit: Hill | Circular | LinearElliptic | Elliptic | Oblate
 
 
 class Valves(NamedTuple):
@@ -203,7 +211,8 @@ class Pulses(NamedTuple):
         logarithms: Of the :class:`~.plasma_pulse.PulseMap` of the discharge, and
         resistance: of the same.
         firing_time: s.
-        gradient: Strength of the gravity gradient, 3 n^2, 1/s^2; 0 where it does not act.
+        gradient: Strength of the gravity gradient: 3 n^2, 1/s^2, on a circular orbit, on others 3, the factor
+            of ``mu / r^3``; 0 where it does not act.
         bias: A torque, N m along body axes.
         substeps: Integration sub-steps of a period.
         bias_of_loss: N m along the torque of a thruster whose fault takes thrust away, and
@@ -267,13 +276,13 @@ def open_vehicle(parts):
     constants = Constants(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
         numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
-        numbers[16], numbers[17], numbers[18], numbers[19], numbers[20], _drift(numbers[21:]),
+        numbers[16], numbers[17], numbers[18], numbers[19], _drift(numbers[20:]),
     )  # fmt: skip
     return Vehicle(
         open_thrusters(borrow(parts[0])),
         constants,
         _open_rows(borrow(parts[2])),
-        Body(body[0], body[1], constants.mean_motion, body[2]),
+        Body(body[0], body[1], open_orbit(body[2], body[3])),
         _open_valves(parts[4]),
         _open_modulator(parts[5]),
         _open_pulses(parts[6]),
@@ -302,7 +311,7 @@ def _open_rows(rows):
     return at.Rows(
         rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8], rows[9],
         rows[10], rows[11], rows[12], rows[13], rows[14], rows[15], rows[16], rows[17], rows[18],
-        rows[19], rows[20], rows[21],
+        rows[19], rows[20], rows[21], rows[22], rows[23],
     )  # fmt: skip
 
 
@@ -344,6 +353,8 @@ def arrange_rows(spacecraft: Spacecraft) -> at.Rows:
     return at.arrange(
         spacecraft.number_of_thrusters, carried, len(spacecraft.reaction_wheels),
         len(spacecraft.control_moment_gyros),
+        REFERENCE_SIZES[type(kind_of(spacecraft.reference_orbit, nonlinear=False))],
+        pulsed=spacecraft.discharge is not None,
     )  # fmt: skip
 
 
@@ -360,21 +371,18 @@ def pack_vehicle(
     Args:
         spacecraft: The vehicle.
         constants: Its scalars.
-        nonlinear: Full two-body relative motion instead of Hill's equations.
+        nonlinear: Full two-body relative motion instead of the linear equations.
         max_substep: Longest sub-step, s; None for the usual ones.
         pulses: As :func:`pack_pulses` gives it, where its thrusters fire as pulsed plasma thrusters.
     """
-    inertia = np.array(spacecraft.inertia)
-    radius = None
-    if nonlinear:
-        radius = orbit_radius(spacecraft.mean_motion, spacecraft.gravitational_parameter)
+    inertia, orbit = np.array(spacecraft.inertia), kind_of(spacecraft.reference_orbit, nonlinear=nonlinear)
     modulated = spacecraft.modulator is not None
     thrusters = thruster_constants(spacecraft)
     return (
         thrusters,
         np.array([*constants[:-1], *constants.velocity_drift]),
         np.array(arrange_rows(spacecraft), np.int64),
-        (_symmetric(inertia), _symmetric(np.linalg.inv(inertia)), radius),
+        (_symmetric(inertia), _symmetric(np.linalg.inv(inertia)), *pack_orbit(orbit)),
         None if modulated or pulses is not None else _pack_valves(thrusters),
         _pack_modulator(spacecraft.modulator, spacecraft.control_period, max_substep),
         pulses,
@@ -461,13 +469,13 @@ def thruster_constants(spacecraft: Spacecraft) -> FloatArray:
 def scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Constants:
     """The scalars of a vehicle; with a longest sub-step of the user's own, no other limit of them."""
     period, own, sensors = spacecraft.control_period, max_substep is not None, spacecraft.sensors
-    longest = max_substep or min(period, ORBIT_TURN / spacecraft.mean_motion)
+    orbit = spacecraft.reference_orbit
+    longest = max_substep or min(period, ORBIT_TURN / orbit.fastest_rate)
     far = MODULATED_TURN if spacecraft.modulator is not None else FAR_TURN
-    drift = transition_matrix(spacecraft.mean_motion, period)[3:]
+    drift = transition_matrix(orbit, period)[3:] if orbit.is_steady else np.zeros((3, 6))
     return Constants(
         period=period,
         max_substep=longest,
-        mean_motion=spacecraft.mean_motion,
         coupling=spacecraft.feed.coupling,
         dry_mass=max(0.0, spacecraft.mass - spacecraft.feed.propellant_mass),
         uniform_errors=1.0 if sensors.distribution == "uniform" else 0.0,

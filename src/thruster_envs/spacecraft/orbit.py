@@ -46,6 +46,8 @@ class Orbit:
         raan: Right ascension of the ascending node, rad.
         argument_of_perigee: rad.
         true_anomaly: At the epoch, rad.
+        true_anomaly_dispersion: Half-width about it within which the true anomaly of an episode is drawn,
+            uniformly, rad: 0 draws nothing, pi draws from the whole orbit.
         epoch: When the craft stands at that true anomaly, s of the episode's clock.
         gravitational_parameter: Of the planet, m^3/s^2; the Earth's unless given.
         j2: Second zonal harmonic of the planet; 0 for a sphere. The Earth's is `EARTH_J2`.
@@ -66,6 +68,7 @@ class Orbit:
     raan: float = 0.0
     argument_of_perigee: float = 0.0
     true_anomaly: float = 0.0
+    true_anomaly_dispersion: float = 0.0
     epoch: float = 0.0
     gravitational_parameter: float = EARTH_MU
     j2: float = 0.0
@@ -81,6 +84,7 @@ class Orbit:
         for name in ("raan", "argument_of_perigee", "true_anomaly"):
             if not abs(getattr(self, name)) <= 2.0 * math.pi:
                 raise ValueError(f"{name} must be from -2 pi to 2 pi rad, got {getattr(self, name)!r}")
+        _check("true_anomaly_dispersion", self.true_anomaly_dispersion, 0.0, math.pi, "rad")
         _check("epoch", self.epoch, -1e9, 1e9, "s")
         _check("j2", self.j2, 0.0, LARGEST_J2)
         _check("planet_radius", self.planet_radius, 0.0, 1e15, "m")
@@ -119,6 +123,11 @@ class Orbit:
         return self.eccentricity == 0.0
 
     @property
+    def is_steady(self) -> bool:
+        """Whether LVLH turns at one rate all the time: on a circle about a sphere."""
+        return self.is_circular and self.j2 == 0.0
+
+    @property
     def period(self) -> float:
         """Time of one revolution, s."""
         return 2.0 * math.pi / self.mean_motion
@@ -150,7 +159,7 @@ class Orbit:
 
     @property
     def start(self) -> float:
-        """Time since perigee at the start of an episode, s."""
+        """Time since perigee at the start of an episode that begins at `true_anomaly`, s."""
         return self.time_since_perigee(self.true_anomaly) - self.epoch
 
 

@@ -129,20 +129,26 @@ def attitude_error(q):
 
 
 @njit(forceinline=True)
-def rate_error(q, rate, mean_motion):
-    """Body rate against LVLH, rad/s in body axes: the frame itself turns at the mean motion about z."""
-    frame = rotate(q, (0.0, 0.0, mean_motion))
+def turning_of_frame(data, b, w):
+    """Rate at which LVLH of a craft turns now, rad/s, in its own axes."""
+    return (data[b, at.FRAME_RATE, w], 0.0, data[b, at.FRAME_RATE + 1, w])
+
+
+@njit(forceinline=True)
+def rate_error(q, rate, turning):
+    """Body rate against LVLH, rad/s in body axes; ``turning`` is that of the frame itself, in its axes."""
+    frame = rotate(q, turning)
     return (rate[0] - frame[0], rate[1] - frame[1], rate[2] - frame[2])
 
 
 @njit(forceinline=True)
-def disperse_attitude(data, b, w, uniform, angle, rate, mean_motion):
+def disperse_attitude(data, b, w, uniform, angle, rate):
     """Disperse attitude about LVLH and rate about the frame's, by six uniform numbers; rad, rad/s."""
     half = 0.5 * angle
     q = exponential(
         half * (2.0 * uniform[0] - 1.0), half * (2.0 * uniform[1] - 1.0), half * (2.0 * uniform[2] - 1.0)
     )
-    frame = rotate(q, (0.0, 0.0, mean_motion))
+    frame = rotate(q, turning_of_frame(data, b, w))
     for k in range(4):
         data[b, at.ATTITUDE + k, w] = q[k]
     for k in range(3):

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
-from thruster_envs.physics.relative_orbit import hill_acceleration
+from thruster_envs.physics.orbits import hill_acceleration
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.tasks.access import attitude_error, rate_error
 
@@ -182,7 +182,7 @@ def _wanted(time, sight, inertia, law):
         ),
     )
     angle = attitude_error(quaternion_product(q, conjugate(FACING)))
-    spin = rate_error(q, (sight[10], sight[11], sight[12]), mean_motion)
+    spin = rate_error(q, (sight[10], sight[11], sight[12]), (0.0, 0.0, mean_motion))
     tx = -z * z * angle[0] - damp * z * spin[0]
     ty = -z * z * angle[1] - damp * z * spin[1]
     tz = -z * z * angle[2] - damp * z * spin[2]

@@ -37,6 +37,7 @@ from thruster_envs.tasks.access import (
     draw_start,
     place,
     rate_error,
+    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
@@ -78,9 +79,9 @@ _UNDER_FAULT, _ISOLATED, _IDENTIFIED, _OVER = range(12, 16)
 TESTED, _ACCOUNT = 16, 17
 # Entries of the limits.
 (
-    _PERIOD, _MEAN_MOTION, _REACH, _LEG, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DELAY_COST,
+    _PERIOD, _REACH, _LEG, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DELAY_COST,
     _FALSE_ALARM_COST, _WRONG_NAME_COST, _WRONG_MODE_COST,
-) = range(11)  # fmt: skip
+) = range(10)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class DiagnosisModel:
         authority: (6,), m/s and rad/s per period, infinite where there is none.
         projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
             periods.
-        limits: (11,).
+        limits: (10,).
         pilot: The scripted one.
     """
 
@@ -221,7 +222,7 @@ class FaultDiagnosis(Task):
         pull = frequencies[0] ** 2 * period  # m/s that the pilot asks for in a period, for each m of distance
         reach = vehicle.authority()[:3].min() / (3.0 * pull) if self.reach is None else self.reach
         limits = (
-            period, vehicle.mean_motion, reach, float(self.leg), self.range_limit, self.rate_limit,
+            period, reach, float(self.leg), self.range_limit, self.rate_limit,
             self.rate_soft_limit(),
             self.delay_cost / FLIGHT, self.false_alarm_cost / FLIGHT, self.wrong_name_cost / FLIGHT,
             self.wrong_mode_cost / FLIGHT,
@@ -363,7 +364,7 @@ def _draw_slot(data, streams, b, w, reach, slot):
 
 @kernel
 def _start(data, streams, which, limits, slots, declared, standing, account):
-    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    lanes = data.shape[2]
     uniform = np.empty(16)
     for world in which:
         b, w = place(world, 0, 1, lanes)
@@ -371,7 +372,7 @@ def _start(data, streams, which, limits, slots, declared, standing, account):
         for k in range(3):
             data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
-        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
+        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
         slots[world, 0, :] = 0.0
         _draw_slot(data, streams, b, w, limits[_REACH], slots[world, 0])
         declared[world, :], standing[world] = 0, 0
@@ -459,7 +460,8 @@ def _settle(data, streams, limits, slots, declared, account, first, last):
         b, w = place(world, 0, 1, data.shape[2])
         row, slot, distance, turning = account[world], slots[world, 0], 0.0, 0.0
         q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
-        spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), limits[_MEAN_MOTION])
+        frame = turning_of_frame(data, b, w)
+        spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), frame)
         for k in range(3):
             distance += (data[b, at.POSITION + k, w] - slot[k]) ** 2
             turning += spin[k] * spin[k]
@@ -509,7 +511,7 @@ def _observe(
         q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
         angle = attitude_error(q)
         spin = rate_error(
-            q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION]
+            q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), turning_of_frame(data, b, w)
         )
         for k in range(3):
             row[k] = bounded((data[b, m + k, w] - slots[world, 0, k]) / _POSITION, _BOUND)

@@ -1,10 +1,13 @@
 """Formation keeping as a task: craft hold their slots on a natural relative orbit and share the fuel bill.
 
-Models two to eight like craft around an empty reference point on a circular orbit. The slots lie evenly on a
-circular relative orbit (Alfriend et al. 2010, section 5.1), which free motion follows without fuel, so that
-what is to be flown against is dispersion, sensor noise, thrust scatter, and faults. Craft that are not
-commanded fly with the suite's scripted pilot. Leaves out J2, drag, and communication limits between the
-craft.
+Models two to eight like craft around an empty reference point. The slots lie evenly on a circular relative
+orbit (Alfriend et al. 2010, section 5.1), which free motion follows without fuel, so that what is to be flown
+against is dispersion, sensor noise, thrust scatter, and faults. About an elliptic orbit they lie on the
+closed relative orbit that becomes this circle as the eccentricity goes: with the true anomaly ``f``, ``p = 1
++ e cos f`` and the phase ``a`` of a slot, ``x = R/2 sin(f + a)``, ``y = R/2 (1 + 1/p) cos(f + a)``, ``z =
+sqrt(3)/2 R/p sin(f + a)``, from the equations of Yamanaka and Ankersen 2002. J2, where the vehicle's orbit
+has it, moves craft off their slots. Craft that are not commanded fly with the suite's scripted pilot. Leaves
+out drag, and communication limits between the craft.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.orbits import frame_motion, open_ellipse
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
@@ -29,6 +33,7 @@ from thruster_envs.tasks.access import (
     draw_start,
     place,
     rate_error,
+    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
@@ -169,6 +174,7 @@ class FormationKeeping(Task):
             fleet.streams,
             which,
             state.model.limits,
+            fleet.ellipses(),
             state.phase,
             state.slots,
             state.account,
@@ -183,7 +189,8 @@ class FormationKeeping(Task):
         if commanded < self.craft:
             model.pilot.fly(fleet.data, state.slots, commanded, self.craft, fleet.worlds)
         fleet.fly()
-        _judge(fleet.data, model.limits, state.phase, state.slots, state.account, state.over)
+        ellipses = fleet.ellipses()
+        _judge(fleet.data, model.limits, ellipses, state.phase, state.slots, state.account, state.over)
 
     def observe(self, state: FormationState) -> Observations:
         """(worlds, agents, observation_size)."""
@@ -215,18 +222,37 @@ def _slot(phase, radius, n):
 
 
 @njit
-def _place_slots(phase, step, limits, slots):
+def _elliptic_slot(phase, radius, ellipse):
+    """The same about an elliptic orbit."""
+    motion, e = frame_motion(ellipse, ellipse.time), ellipse.eccentricity
+    rate, inverse = motion.rate, 1.0 / (1.0 + e * math.cos(ellipse.anomaly))
+    bend = e * math.sin(ellipse.anomaly) * inverse * inverse  # rate of the inverse with the anomaly
+    s, c = math.sin(phase), math.cos(phase)
+    half, out = 0.5 * radius, 0.5 * math.sqrt(3.0) * radius
+    turn, rise = rate * half, rate * out
+    return (
+        half * s, half * (1.0 + inverse) * c, out * inverse * s,
+        turn * c, turn * (bend * c - (1.0 + inverse) * s), rise * (inverse * c + bend * s),
+    )  # fmt: skip
+
+
+@njit
+def _place_slots(world, phase, step, limits, ellipses, slots):
     craft, n = slots.shape[0], limits[_MEAN_MOTION]
     for c in range(craft):
-        turn = phase + 2.0 * math.pi * c / craft + n * step * limits[_PERIOD]
-        place_and_speed = _slot(turn, limits[_RADIUS], n)
+        behind = phase + 2.0 * math.pi * c / craft
+        if ellipses.shape[0] > 0:
+            ellipse = open_ellipse(ellipses[world])
+            place_and_speed = _elliptic_slot(behind + ellipse.angle, limits[_RADIUS], ellipse)
+        else:
+            place_and_speed = _slot(behind + n * step * limits[_PERIOD], limits[_RADIUS], n)
         for k in range(6):
             slots[c, k] = place_and_speed[k]
 
 
 @kernel
-def _start(data, streams, which, limits, phase, slots, account, over):
-    lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
+def _start(data, streams, which, limits, ellipses, phase, slots, account, over):
+    lanes, craft = data.shape[2], slots.shape[1]
     uniform = np.empty(16)
     for world in which:
         over[world] = 0.0
@@ -235,23 +261,23 @@ def _start(data, streams, which, limits, phase, slots, account, over):
             draw_start(streams, b, w, c, uniform)
             if c == 0:
                 phase[world] = 2.0 * math.pi * uniform[15]
-                _place_slots(phase[world], 0.0, limits, slots[world])
+                _place_slots(world, phase[world], 0.0, limits, ellipses, slots[world])
             for k in range(3):
                 data[b, at.POSITION + k, w] = slots[world, c, k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
                 data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (
                     2.0 * uniform[3 + k] - 1.0
                 )
-            disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
+            disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
             for k in range(_ACCOUNT):
                 account[world, c, k] = 0.0
 
 
 @kernel
-def _judge(data, limits, phase, slots, account, over):
-    lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
+def _judge(data, limits, ellipses, phase, slots, account, over):
+    lanes, craft = data.shape[2], slots.shape[1]
     for world in range(slots.shape[0]):
         b, w = place(world, 0, craft, lanes)
-        _place_slots(phase[world], data[b, at.STEP, w], limits, slots[world])
+        _place_slots(world, phase[world], data[b, at.STEP, w], limits, ellipses, slots[world])
         bill = 0.0
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
@@ -264,7 +290,8 @@ def _judge(data, limits, phase, slots, account, over):
             away = math.sqrt(away)
             q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
             angle = attitude_error(q)
-            spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), n)
+            frame = turning_of_frame(data, b, w)
+            spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), frame)
             tilt = math.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
             spinning = math.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
             nearest = math.inf
@@ -313,7 +340,7 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
             q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
             angle = attitude_error(q)
             spin = rate_error(
-                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION]
+                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), turning_of_frame(data, b, w)
             )
             for k in range(3):
                 row[k] = bounded((data[b, m + k, w] - slots[world, c, k]) / _POSITION, _BOUND)

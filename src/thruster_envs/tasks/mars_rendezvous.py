@@ -36,7 +36,7 @@ from thruster_envs.physics.attitude import (
 )
 from thruster_envs.physics.disturbances import Disturbances, disturb
 from thruster_envs.physics.fleet import Fleet
-from thruster_envs.physics.relative_orbit import hill_acceleration
+from thruster_envs.physics.orbits import hill_acceleration
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
@@ -196,6 +196,13 @@ class MarsRendezvous(Task):
             )
         if not 2.5 <= self.distance <= 1000.0:  # nearer, a retreat would end beyond what is observed
             raise ValueError(f"distance is {self.distance!r}; 2.5 to 1000 m would be right")
+        orbit = self.vehicle.reference_orbit
+        if not orbit.is_steady:
+            raise ValueError(
+                "MarsRendezvous needs a circular orbit without j2, by which its filter and its pilot predict "
+                f"and to which its disturbances add J2: eccentricity and j2 of {self.vehicle.name!r} must be "
+                f"0, got {orbit.eccentricity!r} and {orbit.j2!r}"
+            )
         if self.vehicle.modulator is None:
             raise ValueError(
                 f"{self.vehicle.name!r} has no modulator; a spacecraft with one, such as 'msr_chaser', "
@@ -472,7 +479,7 @@ def _judge(data, limits, sights, estimate, account, first, last):
         q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
         rate = (data[b, 10, w], data[b, 11, w], data[b, 12, w])
         angle = _length(attitude_error(quaternion_product(q, conjugate(FACING))))
-        spin = _length(rate_error(q, rate, n))
+        spin = _length(rate_error(q, rate, (0.0, 0.0, n)))
         offset = math.sqrt(r[0] * r[0] + r[2] * r[2])
         across = math.sqrt(v[0] * v[0] + v[2] * v[2])
         distance = _length(r)
@@ -564,7 +571,7 @@ def _observe(
         row, sight = observations[world], sights[world, 0]
         q = (sight[6], sight[7], sight[8], sight[9])
         angle = attitude_error(quaternion_product(q, conjugate(FACING)))
-        rate = rate_error(q, (sight[10], sight[11], sight[12]), limits[_MEAN_MOTION])
+        rate = rate_error(q, (sight[10], sight[11], sight[12]), (0.0, 0.0, limits[_MEAN_MOTION]))
         for k in range(3):
             row[k] = bounded(sight[k] / limits[_DISTANCE], _BOUND)
             row[3 + k] = bounded(sight[k] / _NEAR, _BOUND)

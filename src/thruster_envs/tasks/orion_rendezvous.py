@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.orbits import open_ellipse
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
@@ -28,6 +29,7 @@ from thruster_envs.tasks.access import (
     draw_start,
     place,
     rate_error,
+    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
@@ -41,7 +43,7 @@ from thruster_envs.tasks.contract import (
     axis_scale,
     check_positive,
 )
-from thruster_envs.tasks.shaping import delta_v_to_go
+from thruster_envs.tasks.shaping import delta_v_to_go, elliptic_delta_v_to_go
 
 _BOUND = 5.0
 #: What observations are divided by: m, m/s, rad, rad/s.
@@ -163,18 +165,18 @@ class OrionRendezvous(Task):
             self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
             max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
-        return RendezvousState(fleet, self._model(), np.zeros((worlds, _ACCOUNT)))
+        return RendezvousState(fleet, self._model(fleet.ellipses()), np.zeros((worlds, _ACCOUNT)))
 
-    def _model(self) -> RendezvousModel:
+    def _model(self, ellipses: FloatArray) -> RendezvousModel:
         vehicle = self.vehicle
         authority = vehicle.authority()
         # What a thruster-second and a rad/s are worth in m/s: the exchange rates between fuel and motion.
         thrust = float(np.mean([thruster.thrust for thruster in vehicle.thrusters]))
         lever = float(authority[:3].mean() / authority[3:].mean()) if authority[3:].any() else 0.0
         duration, at_rest = self.steps * vehicle.control_period, (0.0, 0.0, 0.0)
-        reference = max(  # one that starts at the target has its dispersion to make good
-            delta_v_to_go(start, at_rest, duration, vehicle.mean_motion)
-            for start in (self.start, (_DISPERSION[0],) * 3)
+        starts = self.start, (_DISPERSION[0],) * 3  # one at the target has its dispersion to make good
+        reference = max(
+            _delta_v(start, at_rest, duration, vehicle.mean_motion, ellipses, 0) for start in starts
         )
         limits = (
             vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever,
@@ -187,15 +189,21 @@ class OrionRendezvous(Task):
     def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
         fleet = state.fleet
-        _start(fleet.data, fleet.streams, which, np.array(self.start), state.model.limits, state.account)
+        _start(
+            fleet.data, fleet.streams, which, np.array(self.start), state.model.limits, fleet.ellipses(),
+            state.account,
+        )  # fmt: skip
         fleet.look(which)
 
     def step(self, state: RendezvousState, duties: FloatArray) -> None:
         """Fly one period."""
         command_duties(state.fleet.data, duties, 1)
         state.fleet.fly()
+        ellipses = state.fleet.ellipses()
         state.fleet.by_worlds(
-            lambda first, last: _judge(state.fleet.data, state.model.limits, state.account, first, last)
+            lambda first, last: _judge(
+                state.fleet.data, state.model.limits, ellipses, state.account, first, last
+            )
         )
 
     def observe(self, state: RendezvousState) -> Observations:
@@ -218,11 +226,18 @@ class OrionRendezvous(Task):
         return state.truth
 
 
+@kernel
+def _delta_v(r, v, time_to_go, n, ellipses, world):
+    """Delta-v to go, m/s, about a circular orbit, or about the ellipse of a world where there are some."""
+    if ellipses.shape[0] == 0:
+        return delta_v_to_go(r, v, time_to_go, n)
+    return elliptic_delta_v_to_go(r, v, time_to_go, open_ellipse(ellipses[world]))
+
+
 @njit
-def _potential(r, v, angle, rate, time_to_go, limits):
+def _potential(r, v, angle, rate, time_to_go, limits, ellipses, world):
     """Minus what is still to be paid over what the mission costs; attitude errors at their worth in m/s."""
-    n = limits[_MEAN_MOTION]
-    translation = delta_v_to_go(r, v, time_to_go, n)
+    translation = _delta_v(r, v, time_to_go, limits[_MEAN_MOTION], ellipses, world)
     attitude = 0.0
     for k in range(3):
         attitude += abs(rate[k]) + abs(angle[k]) / _SLEW_TIME
@@ -234,13 +249,13 @@ _SLEW_TIME = 60.0
 
 
 @njit
-def _true_errors(data, b, w, n):
+def _true_errors(data, b, w):
     """Position, velocity, attitude error and rate error of a craft, as they truly are."""
     q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
     rate = (data[b, 10, w], data[b, 11, w], data[b, 12, w])
     r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
     v = (data[b, 3, w], data[b, 4, w], data[b, 5, w])
-    return r, v, attitude_error(q), rate_error(q, rate, n)
+    return r, v, attitude_error(q), rate_error(q, rate, turning_of_frame(data, b, w))
 
 
 @njit
@@ -249,9 +264,9 @@ def _length(v):
 
 
 @kernel
-def _start(data, streams, which, start, limits, account):
+def _start(data, streams, which, start, limits, ellipses, account):
     """Disperse the craft about the start, uniformly in a box, and open the account."""
-    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    lanes = data.shape[2]
     uniform = np.empty(16)
     for world in which:
         b, w = place(world, 0, 1, lanes)
@@ -259,22 +274,24 @@ def _start(data, streams, which, start, limits, account):
         for k in range(3):
             data[b, at.POSITION + k, w] = start[k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
-        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
+        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
         for k in range(_ACCOUNT):
             account[world, k] = 0.0
-        r, v, angle, rate = _true_errors(data, b, w, n)
-        account[world, _POTENTIAL] = _potential(r, v, angle, rate, limits[_STEPS] * limits[_PERIOD], limits)
+        r, v, angle, rate = _true_errors(data, b, w)
+        duration = limits[_STEPS] * limits[_PERIOD]
+        account[world, _POTENTIAL] = _potential(r, v, angle, rate, duration, limits, ellipses, world)
 
 
 @kernel(nogil=True)
-def _judge(data, limits, account, first, last):
+def _judge(data, limits, ellipses, account, first, last):
     """Account for the period that has passed, in the worlds from ``first`` to ``last`` (exclusive)."""
-    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+    lanes = data.shape[2]
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
-        r, v, angle, rate = _true_errors(data, b, w, n)
+        r, v, angle, rate = _true_errors(data, b, w)
         to_go = limits[_STEPS] - data[b, at.STEP, w]
-        potential = _potential(r, v, angle, rate, to_go * limits[_PERIOD], limits)
+        time_to_go = to_go * limits[_PERIOD]
+        potential = _potential(r, v, angle, rate, time_to_go, limits, ellipses, world)
         fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
         distance, spin = _length(r), _length(rate)
         followed = data[b, at.LOST, w] == 0.0
@@ -311,7 +328,7 @@ def _observe(data, faults, limits, authority, observe_fault, observations, first
         row = observations[world]
         q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
         measured_rate = (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w])
-        angle, rate = attitude_error(q), rate_error(q, measured_rate, limits[_MEAN_MOTION])
+        angle, rate = attitude_error(q), rate_error(q, measured_rate, turning_of_frame(data, b, w))
         for k in range(3):
             row[k] = bounded(data[b, m + k, w] / _POSITION, _BOUND)
             row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)

@@ -19,7 +19,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.tasks.access import attitude_error, place, rate_error
+from thruster_envs.tasks.access import attitude_error, place, rate_error, turning_of_frame
 
 #: Natural frequencies of the feedback, rad/s, and its damping. On Orion a metre of error is gone within three
 #: minutes; twice as fast would cost twice the fuel, most of it to follow the sensor noise.
@@ -34,14 +34,12 @@ class Pilot:
         inverse: (n, 6), s per m/s and per rad/s: minimum-norm on-times.
         null: (n,), non-negative on-times that together do nothing, largest 1; zeros where the vehicle has
             none.
-        mean_motion: rad/s.
         period: s.
         frequencies: (2,), natural frequencies of the feedback in translation and rotation, rad/s.
     """
 
     inverse: NDArray[np.float64]
     null: NDArray[np.float64]
-    mean_motion: float
     period: float
     frequencies: tuple[float, float] = (TRANSLATION_FREQUENCY, ROTATION_FREQUENCY)
 
@@ -57,7 +55,7 @@ class Pilot:
             else np.zeros(effectiveness.shape[1])
         )
         inverse = np.asarray(np.linalg.pinv(effectiveness), np.float64)
-        return cls(inverse, null, vehicle.mean_motion, vehicle.control_period)
+        return cls(inverse, null, vehicle.control_period)
 
     def fly(
         self, data: NDArray[np.float64], slots: NDArray[np.float64], first: int, craft: int, worlds: int
@@ -72,13 +70,12 @@ class Pilot:
             worlds: Worlds.
         """
         _hold_slots(
-            data, slots, first, craft, worlds, self.inverse, self.null,
-            self.mean_motion, self.period, self.frequencies,
+            data, slots, first, craft, worlds, self.inverse, self.null, self.period, self.frequencies,
         )  # fmt: skip
 
 
 @kernel
-def _hold_slots(data, slots, first, craft, worlds, inverse, null, mean_motion, period, frequencies):
+def _hold_slots(data, slots, first, craft, worlds, inverse, null, period, frequencies):
     n, lanes, m = inverse.shape[0], data.shape[2], at.MEASURED
     duties = np.empty(n)
     for world in range(worlds):
@@ -86,7 +83,7 @@ def _hold_slots(data, slots, first, craft, worlds, inverse, null, mean_motion, p
             b, w = place(world, c, craft, lanes)
             q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
             rate = (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w])
-            angle, spin = attitude_error(q), rate_error(q, rate, mean_motion)
+            angle, spin = attitude_error(q), rate_error(q, rate, turning_of_frame(data, b, w))
             a, z = frequencies
             change = np.empty(6)
             wanted = rotate(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs.configuration import nearest
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.physics.fleet import FaultPlan
+from thruster_envs.physics.orbits import Ellipse
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.access import duties_of, options_of
 from thruster_envs.tasks.contract import FloatArray, Observations, check_whole
@@ -20,6 +21,7 @@ from thruster_envs.views.inputs import NotReset, checked_options
 from thruster_envs.views.storage import Storage
 
 _LOW = 2**64 - 1
+_ANOMALY = Ellipse._fields.index("anomaly")
 _NO_LIMIT = 2**62
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
@@ -287,7 +289,8 @@ class Worlds:
         slot), ``severity``, ``onset`` (s), ``active``, ``sensor`` (code, in the order of
         ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
         ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
-        has to report beyond that comes last.
+        has to report beyond that comes last; about an orbit that is elliptic or has J2 then ``orbit``, with
+        the ``true_anomaly`` (worlds, agents), rad.
 
         Args:
             step: What the last step gave, whose arrays become those of the info; None takes :meth:`now`.
@@ -336,7 +339,14 @@ class Worlds:
     def _report(self) -> dict[str, dict[str, NDArray[Any]]]:
         """What else there is to report: group to name to (worlds, agents, ...), new arrays."""
         stored = {} if self._storage is None else self._storage.report()
-        return self.task.report(self.state) | stored
+        return self.task.report(self.state) | stored | self._orbit()
+
+    def _orbit(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """Where a fleet stands on its orbit; nothing where it turns steadily, or nothing flies."""
+        if self.fleet.steady or not self.task.flies:
+            return {}
+        anomaly = self.fleet.ellipses()[:, _ANOMALY, np.newaxis]
+        return {"orbit": {"true_anomaly": np.repeat(anomaly, len(self.task.agents), axis=1)}}
 
     def _info(
         self,

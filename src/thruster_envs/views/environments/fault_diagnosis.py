@@ -123,12 +123,14 @@ class FaultDiagnosisEnv(TaskEnv):
     gym.make("thruster_envs/FaultDiagnosis-v0", faults={"probability": 1.0, "kinds": ["leak"]})
     ```
 
-    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`.
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
+      may be elliptic or have J2: the information then has `orbit`, with the `true_anomaly`, rad.
     - `faults`: None for the default distribution, `[]` for no faults, a `Fault`, a list of them, or a
       `FaultDistribution`; also as plain mappings. `reset(options={"faults": ...})` gives one episode its own.
     - `observe_fault`: whether the truth about the faults is added to the observation.
     - `fault_slots`: faults that the craft can have in an episode, 4 by default.
-    - `nonlinear`: whether to fly by the full two-body relative equations instead of Hill's.
+    - `nonlinear`: whether to fly by the full two-body relative equations instead of the linear ones, Hill's
+      or those of an elliptic orbit; with J2 it always does.
     - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `pilot`: None for the scripted pilot, or a `thruster_envs.protocols.Pilot`: a callable that turns what
       the flight software of all worlds sees into their duties. An `EnvSpec` with one does not go into JSON.

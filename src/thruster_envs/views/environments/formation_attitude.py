@@ -112,7 +112,8 @@ class FormationAttitudeEnv(TaskEnv):
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, with a
-      discharge and a thruster for each way about each axis.
+      discharge and a thruster for each way about each axis. On an elliptic orbit the gravity gradient goes
+      with the cube of the distance, and the information has `orbit`, with the `true_anomaly`, rad.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
       mappings. `reset(options={"faults": ...})` gives one episode its own. Craft 1 is the leader, craft 2
       follower 1.

@@ -95,12 +95,15 @@ class FormationKeepingEnv(TaskEnv):
     gym.make("thruster_envs/FormationKeeping-v0", craft=4, faults=[{"thruster": 5, "kind": "leak"}])
     ```
 
-    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`.
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
+      may be elliptic or have J2: the information then has `orbit`, with the `true_anomaly`, rad. The slots
+      are then on the closed relative orbit that becomes the circle as the eccentricity goes.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
       mappings. `reset(options={"faults": ...})` gives one episode its own.
     - `observe_fault`: whether the truth about the own faults is added to the observation.
     - `fault_slots`: faults that each craft can have in an episode, 4 by default.
-    - `nonlinear`: whether to fly by the full two-body relative equations instead of Hill's.
+    - `nonlinear`: whether to fly by the full two-body relative equations instead of the linear ones, Hill's
+      or those of an elliptic orbit; with J2 it always does.
     - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `craft`: number of craft, 2 to 8.
     - `radius`: of the relative orbit, m. `slot_tolerance`: distance within which a slot counts as kept, m.

@@ -132,7 +132,7 @@ class MarsRendezvousEnv(TaskEnv):
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one with a
-      modulator.
+      modulator, on a circular orbit without J2, which its disturbances have.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
       mappings. `reset(options={"faults": ...})` gives one episode its own. Thrusters 9 to 16 are those of the
       spare branch; what is wrong with them shows once it is in use. A pulse lasts 0.1 s at most, and an

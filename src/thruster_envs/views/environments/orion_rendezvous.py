@@ -62,7 +62,8 @@ class OrionRendezvousEnv(TaskEnv):
 
     - `fuel`: - (thruster-seconds of the period) times (mean thrust / mass), m/s, over that delta-v
     - `progress`: the change of a potential: minus the two-impulse delta-v still to go (of the Hill equations,
-      in closed form, m/s), and minus rates and attitude errors at their worth in m/s, over that delta-v
+      or those of an elliptic orbit, in closed form, m/s), and minus rates and attitude errors at their worth
+      in m/s, over that delta-v
     - `arrival`: 1 if the craft is in the terminal box when the time is up; -1 if it goes out of bounds
 
     The potential makes the reward dense and leaves the best policy as it was, but for the end that it starts
@@ -100,12 +101,14 @@ class OrionRendezvousEnv(TaskEnv):
     gym.make("thruster_envs/OrionRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
     ```
 
-    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`.
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
+      may be elliptic or have J2: the information then has `orbit`, with the `true_anomaly`, rad.
     - `faults`: None for no faults, a `Fault`, a list of them, or a `FaultDistribution`; also as plain
       mappings. `reset(options={"faults": ...})` gives one episode its own.
     - `observe_fault`: whether the truth about the faults is added to the observation.
     - `fault_slots`: faults that the craft can have in an episode, 4 by default.
-    - `nonlinear`: whether to fly by the full two-body relative equations instead of Hill's.
+    - `nonlinear`: whether to fly by the full two-body relative equations instead of the linear ones, Hill's
+      or those of an elliptic orbit; with J2 it always does.
     - `max_substep`: longest integration sub-step, s; None lets each craft take as many as its turning needs.
     - `start`: relative position at the start, m, LVLH.
     - `position_tolerance`, `velocity_tolerance`, `attitude_tolerance`, `rate_tolerance`: half-sizes of the

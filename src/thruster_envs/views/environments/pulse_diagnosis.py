@@ -109,7 +109,7 @@ class PulseDiagnosisEnv(TaskEnv):
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one whose
-      thrusters have a discharge.
+      thrusters have a discharge, on any orbit.
     - `faults`: None for the default distribution, `[]` for no faults, a `Fault`, a list of them, or a
       `FaultDistribution`; also as plain mappings. Only the three kinds above, and only those of the
       `thruster`, or shared with it, act. `reset(options={"faults": ...})` gives one episode its own.

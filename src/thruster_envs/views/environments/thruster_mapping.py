@@ -100,7 +100,8 @@ class ThrusterMappingEnv(TaskEnv):
     gym.make("thruster_envs/ThrusterMapping-v0", spacecraft="orion", faults=None, observe_fault=False)
     ```
 
-    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`.
+    - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, on any
+      orbit, since nothing moves.
     - `faults`: None for the default distribution, `[]` for no faults, a `Fault`, a list of them, or a
       `FaultDistribution`; also as plain mappings. `reset(options={"faults": ...})` gives one episode its own.
     - `observe_fault`: whether the truth about the faults is added to the observation.
