@@ -289,7 +289,7 @@ def test_a_chaser_without_a_spare_branch_has_valves_to_close_and_nothing_more():
     task = MarsRendezvous(inhibit=True, spacecraft=dataclasses.replace(CHASER, spare_branch=False))
     batch = begin(task, worlds=2)
     assert task.action_size == 16
-    assert [feature.name for feature in task.features][-1] == "whether each isolation valve is closed"
+    assert task.fields[-1].meaning == "whether each isolation valve is closed"
     actions = np.full((2, 1, 16), 1.0)
     actions[1, 0, 8 + 4] = -1.0
     for _ in range(5):

@@ -15,13 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_envs.observations import Reader
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["QuaternionTeam"]
 
-_RATE_UNIT = 1e-3  # rad/s, what 1 stands for in an observation
-_RATE = 7  # first of the three rates; an error quaternion comes first
 _OUTSIDE = np.sin(math.radians(25.0))  # a torque that leans further from an axis does not turn about it
 
 
@@ -76,13 +75,13 @@ class QuaternionTeam:
         self.rate_gain: FloatArray = rate_factor * torque / fastest
         self.angle_gain: FloatArray = torque / largest_angle
         self.threshold: FloatArray = torque / dead_band
+        self._read = Reader.of("thruster_envs/FormationAttitude-v0", spacecraft=spacecraft, action=action)
 
     def torque(self, observations: ArrayLike) -> FloatArray:
         """(..., 3), N m: what the law asks for, dead band aside; observations are (..., k)."""
-        seen = np.asarray(observations, dtype=np.float64)
-        rate = _RATE_UNIT * seen[..., _RATE : _RATE + 3]
+        reading = self._read(observations)
         # Body from target: its vector part is that of the source's error quaternion, turned round.
-        return np.asarray(2.0 * self.angle_gain * seen[..., 1:4] - self.rate_gain * rate)
+        return np.asarray(2.0 * self.angle_gain * reading.attitude[..., 1:] - self.rate_gain * reading.rate)
 
     def __call__(self, observations: ArrayLike) -> NDArray[Any]:
         """Actions for observations (..., k): (..., 3) options, or (..., n) shares of a pulse, -1 to 1."""

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field, Reader
 from thruster_envs.physics import rows as at
 from thruster_envs.tasks.access import place
-from thruster_envs.tasks.contract import Feature, Observations, check_not_negative, check_positive
+from thruster_envs.tasks.contract import Observations, check_not_negative, check_positive
 from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
 
 
@@ -60,9 +61,9 @@ class ActiveDiagnosis(FaultDiagnosis):
         n = self.vehicle.number_of_thrusters
         return (n + 1, len(MODES), *(n * [1 + len(self.test_duties)]))
 
-    def further_features(self) -> tuple[Feature, ...]:
+    def further_fields(self) -> tuple[Field, ...]:
         """What is left of the budget."""
-        return (Feature("budget left", 1, 1.0, "budget", 0.0),)
+        return (Field("budget", "budget left", 1, "s", self.budget, reference="budget", lowest=0.0),)
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: tests may turn the craft."""
@@ -86,8 +87,7 @@ class ActiveDiagnosis(FaultDiagnosis):
 
     @cached_property
     def _budget_column(self) -> int:
-        oracle = sum(feature.size for feature in self.oracle_features())
-        return self.observation_size - oracle - 1
+        return int(Reader(self.fields).columns("budget").start)
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, with the test pulses fired."""

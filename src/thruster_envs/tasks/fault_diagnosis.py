@@ -24,6 +24,7 @@ from thruster_envs.faults import MODES, Fault, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.modes import mode_number
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
@@ -40,16 +41,18 @@ from thruster_envs.tasks.access import (
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
     Task,
     TaskState,
     Truth,
+    change_fields,
     check_not_negative,
     check_positive,
     check_whole,
+    error_fields,
+    per_period,
 )
 from thruster_envs.tasks.pilot import Pilot
 from thruster_envs.tasks.thruster_mapping import MappingModel
@@ -161,31 +164,38 @@ class FaultDiagnosis(Task):
         return (self.vehicle.number_of_thrusters + 1, len(MODES))
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("measured position relative to the slot", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time since the start", 1, 1.0, "length of the flight", 0.0),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature(
+            Field("position", "measured position relative to the slot", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time",
+                "time since the start",
+                1,
+                "s",
+                FLIGHT * self.vehicle.control_period,
+                reference="length of the flight",
+                lowest=0.0,
+            ),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "unexpected_on_time",
                 "measured less expected rate change, projected on each thruster",
                 n,
-                _BOUND,
-                "control period",
+                bound=_BOUND,
+                **per_period(self.vehicle),
             ),
-            Feature("whether each thruster was declared last", n, 1.0, "1", 0.0),
-            Feature("whether each mode was declared last", len(MODES), 1.0, "1", 0.0),
-            *self.further_features(),
-            *self.oracle_features(),
+            Field("declared_thruster", "whether each thruster was declared last", n, lowest=0.0),
+            Field("declared_mode", "whether each mode was declared last", len(MODES), lowest=0.0),
+            *self.further_fields(),
+            *self.oracle_fields(),
         )
 
-    def further_features(self) -> tuple[Feature, ...]:
+    def further_fields(self) -> tuple[Field, ...]:
         """What a variant of the task observes beyond that."""
         return ()
 

@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
@@ -37,7 +38,6 @@ from thruster_envs.tasks.attitude_pilot import (
     turned,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -187,29 +187,47 @@ class FormationAttitude(Task):
         return (3, 3, 3) if self.action == "pulses" else None
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
-        owed = (Feature("share of a pulse that each thruster is owed", n, _MOST_OWED, "pulse", 0.0),)
+        owed = (
+            Field(
+                "owed",
+                "share of a pulse that each thruster is owed",
+                n,
+                reference="pulse",
+                bound=_MOST_OWED,
+                lowest=0.0,
+            ),
+        )
         return (
-            Feature("measured attitude from the target, as a quaternion", 4, 1.0, "1"),
-            Feature("measured attitude error", 3, 1.0, f"{_FINE:g} rad"),
-            Feature("measured rate relative to the leader", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("target from the leader, as a quaternion", 4, 1.0, "1"),
-            Feature("whether each thruster was asked to fire last", n, 1.0, "1", 0.0),
-            Feature("own fuel over the formation's mean, less one", 1, _BOUND, "1", -1.0),
+            Field("attitude", "measured attitude from the target, as a quaternion", 4),
+            Field("attitude_error", "measured attitude error", 3, "rad", _FINE),
+            Field("rate", "measured rate relative to the leader", 3, "rad/s", _RATE, bound=_BOUND),
+            Field("target", "target from the leader, as a quaternion", 4),
+            Field("duties", "whether each thruster was asked to fire last", n, lowest=0.0),
+            Field(
+                "fuel_excess", "own fuel over the formation's mean, less one", 1, bound=_BOUND, lowest=-1.0
+            ),
             *(owed if self.action == "duties" else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
-    def oracle_features(self) -> tuple[Feature, ...]:
+    def oracle_fields(self) -> tuple[Field, ...]:
         """The oracle view, where it was asked for."""
         if not self.observe_fault:
             return ()
-        n = self.vehicle.number_of_thrusters
+        n, firing_time = self.vehicle.number_of_thrusters, discharge_of(self.vehicle).firing_time
+        impulse: dict[str, Any] = {
+            "unit": "N s",
+            "scale": tuple(thruster.thrust * firing_time for thruster in self.vehicle.thrusters),
+            "reference": "nominal impulse",
+        }
         return (
-            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse"),
-            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse"),
+            Field(
+                "true_impulse_asked", "true impulse that asking each thruster adds", n, bound=2.0, **impulse
+            ),
+            Field("true_impulse_unasked", "true impulse of each thruster unasked", n, bound=2.0, **impulse),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:

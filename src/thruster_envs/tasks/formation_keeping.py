@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
@@ -32,7 +33,6 @@ from thruster_envs.tasks.access import (
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -40,8 +40,10 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
     check_whole,
+    error_fields,
 )
 from thruster_envs.tasks.pilot import Pilot
 
@@ -128,20 +130,27 @@ class FormationKeeping(Task):
         return super().agents[: self.commanded]
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("measured position relative to the slot", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured velocity relative to the slot", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature("own fuel over the formation's mean, less one", 1, _BOUND, "1", -1.0),
-            Feature("measured positions of the other craft", 3 * (self.craft - 1), _BOUND, f"{_BETWEEN:g} m"),
-            *self.oracle_features(),
+            Field("position", "measured position relative to the slot", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured velocity relative to the slot", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "fuel_excess", "own fuel over the formation's mean, less one", 1, bound=_BOUND, lowest=-1.0
+            ),
+            Field(
+                "others",
+                "measured positions of the other craft",
+                3 * (self.craft - 1),
+                "m",
+                _BETWEEN,
+                bound=_BOUND,
+            ),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationState:

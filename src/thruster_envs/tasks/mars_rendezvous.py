@@ -25,6 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import (
@@ -47,7 +48,6 @@ from thruster_envs.tasks.access import (
 )
 from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot, steer_one
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -55,8 +55,10 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
     check_whole,
+    error_fields,
 )
 
 _BOUND = 5.0
@@ -227,24 +229,40 @@ class MarsRendezvous(Task):
         return 2 * n + int(self.vehicle.spare_branch) if self.inhibit else n
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
-        valves: tuple[Feature, ...] = (Feature("whether each isolation valve is closed", n, 1.0, "1", 0.0),)
+        valves: tuple[Field, ...] = (
+            Field("closed", "whether each isolation valve is closed", n, lowest=0.0),
+        )
         if self.vehicle.spare_branch:
-            valves += (Feature("whether the spare branch is in use", 1, 1.0, "1", 0.0),)
+            valves += (Field("branch", "whether the spare branch is in use", 1, lowest=0.0),)
         return (
-            Feature("measured relative position, whole approach", 3, _BOUND, "distance at the start"),
-            Feature("measured relative position, close by", 3, _BOUND, f"{_NEAR:g} m"),
-            Feature("filtered relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
-            Feature("last open rates", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            Field(
+                "position",
+                "measured relative position, whole approach",
+                3,
+                "m",
+                self.distance,
+                reference="distance at the start",
+                bound=_BOUND,
+            ),
+            Field("near_position", "measured relative position, close by", 3, "m", _NEAR, bound=_BOUND),
+            Field("velocity", "filtered relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time_to_go",
+                "time to go",
+                1,
+                "s",
+                self.steps * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("duties", "last open rates", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
             *(valves if self.inhibit else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> ApproachState:

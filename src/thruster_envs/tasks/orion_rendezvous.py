@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
@@ -31,7 +32,6 @@ from thruster_envs.tasks.access import (
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -39,7 +39,9 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
+    error_fields,
 )
 from thruster_envs.tasks.shaping import delta_v_to_go
 
@@ -142,19 +144,25 @@ class OrionRendezvous(Task):
         return max(1, round(duration / self.vehicle.control_period))
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("measured relative position", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            *self.oracle_features(),
+            Field("position", "measured relative position", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time_to_go",
+                "time to go",
+                1,
+                "s",
+                self.steps * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> RendezvousState:

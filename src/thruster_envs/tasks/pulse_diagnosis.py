@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistribution
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.health import pulse_shares
@@ -38,7 +39,6 @@ from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pai
 from thruster_envs.spacecraft import Discharge
 from thruster_envs.tasks.access import bounded, place
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -192,27 +192,83 @@ class PulseDiagnosis(Task):
         return (len(CASES),)
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
-        thrust = (Feature("measured thrust", 1, _THRUST_BOUND, "nominal thrust", -1.0),)
+        discharge = self.discharge
+        thrust = (
+            Field("thrust", "measured thrust", 1, bound=_THRUST_BOUND, lowest=-1.0, **self._per_thrust()),
+        )
         return (
-            Feature("measured voltage of the capacitor", self.samples, _BOUND, "nominal charge"),
-            Feature("measured discharge current", self.samples, _BOUND, "nominal peak current"),
-            Feature("time since the start", 1, 1.0, "length of the episode", 0.0),
-            Feature("whether each fault was declared last", len(CASES) - 1, 1.0, "1", 0.0),
+            Field(
+                "voltage",
+                "measured voltage of the capacitor",
+                self.samples,
+                "V",
+                discharge.voltage,
+                reference="nominal charge",
+                bound=_BOUND,
+            ),
+            Field(
+                "current",
+                "measured discharge current",
+                self.samples,
+                "A",
+                peak_current(discharge),
+                reference="nominal peak current",
+                bound=_BOUND,
+            ),
+            Field(
+                "time",
+                "time since the start",
+                1,
+                "s",
+                PULSES * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("declared", "whether each fault was declared last", len(CASES) - 1, lowest=0.0),
             *(thrust if self.observe_thrust else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
-    def oracle_features(self) -> tuple[Feature, ...]:
+    def _per_thrust(self) -> dict[str, Any]:
+        thrust = self.vehicle.thrusters[self.thruster - 1].thrust
+        return {"unit": "N", "scale": thrust, "reference": "nominal thrust"}
+
+    def oracle_fields(self) -> tuple[Field, ...]:
         """The truth about the pulse, where it was asked for."""
         if not self.observe_fault:
             return ()
+        discharge = self.discharge
         return (
-            Feature("true thrust", 1, _THRUST_BOUND, "nominal thrust", 0.0),
-            Feature("true mass of the slug", 1, 1.0, "nominal mass", 0.0),
-            Feature("true width of the electrodes", 1, 1.0, "nominal width", 0.0),
-            Feature("true added resistance", 1, 10.0, f"{FULL_SCALE['conductivity_loss']:g} ohm", 0.0),
+            Field("true_thrust", "true thrust", 1, bound=_THRUST_BOUND, lowest=0.0, **self._per_thrust()),
+            Field(
+                "true_slug_mass",
+                "true mass of the slug",
+                1,
+                "kg",
+                discharge.slug_mass,
+                reference="nominal mass",
+                lowest=0.0,
+            ),
+            Field(
+                "true_width",
+                "true width of the electrodes",
+                1,
+                "m",
+                discharge.electrode_width,
+                reference="nominal width",
+                lowest=0.0,
+            ),
+            Field(
+                "true_added_resistance",
+                "true added resistance",
+                1,
+                "ohm",
+                FULL_SCALE["conductivity_loss"],
+                bound=10.0,
+                lowest=0.0,
+            ),
         )
 
     def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
 from thruster_envs.tasks.access import bounded, command_duties, place, true_model, write_oracle_view
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -33,6 +33,9 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
+    per_authority,
+    per_period,
 )
 
 #: Kinds of command, equally likely: one axis; all axes within reach; all axes beyond reach; all axes, tiny.
@@ -122,17 +125,28 @@ class ThrusterMapping(Task):
     flies: ClassVar[bool] = False
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("commanded rate change", 6, _BOUND, "authority per axis"),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature("last measured rate change, projected on each thruster", n, _BOUND, "control period"),
-            Feature("last expected rate change, projected on each thruster", n, _BOUND, "control period"),
-            *self.oracle_features(),
+            Field("command", "commanded rate change", 6, bound=_BOUND, **per_authority(self.vehicle)),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "measured_on_time",
+                "last measured rate change, projected on each thruster",
+                n,
+                bound=_BOUND,
+                **per_period(self.vehicle),
+            ),
+            Field(
+                "expected_on_time",
+                "last expected rate change, projected on each thruster",
+                n,
+                bound=_BOUND,
+                **per_period(self.vehicle),
+            ),
+            *self.oracle_fields(),
         )
 
     def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:

@@ -44,8 +44,7 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
     def __init__(
         self, *, render_mode: str | None = None, flat_info: bool = False, **configuration: Any
     ) -> None:
-        others = ("render_mode", "flat_info")
-        self.task = make_task(self.task_type, configuration, self.fixed, others, type(self).__name__)
+        self.task = self.task_of(**configuration)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
@@ -53,6 +52,17 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
         self.action_space = action_space(self.task)
         self._action_shape = self.action_space.shape or ()
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
+
+    @classmethod
+    def task_of(cls, **configuration: Any) -> Task:
+        """The task that an environment of this configuration has.
+
+        Raises:
+            TypeError: An unknown field.
+            ValueError: A field that is not for the user to choose, or a value that cannot be.
+        """
+        others = ("render_mode", "flat_info")
+        return make_task(cls.task_type, configuration, cls.fixed, others, cls.__name__)
 
     @property
     def spec(self) -> EnvSpec | None:
