@@ -11,7 +11,7 @@ stands for in SI units; a :class:`Reader` turns observations back into SI values
 >>> reading.position.round()  # m, LVLH
 array([301.,   3.,  -4.])
 >>> reading.time_to_go  # s
-array([2850.])
+array([2855.])
 
 Left out: what a wrapper adds to an observation, and values beyond a bound, which are clipped.
 """
