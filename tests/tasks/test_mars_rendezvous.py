@@ -477,7 +477,7 @@ def test_a_retreat_is_safe_and_no_success():
 def test_rewards_are_what_they_are_said_to_be():
     batch = begin(MarsRendezvous(disturbances=False))
     place(batch, (0.3, -10.0, -0.4), (0.0, 0.1, 0.0), attitude=TILTED)
-    before = -batch.state.account[0, 6] * 20.0
+    before = -batch.state.episode.potential[0] * 20.0
     step = batch.step(np.full((1, 1, 8), -1.0))
     position = batch.fleet.read(0, 3)[0, 0]
     share = 0.1 / 200.0

@@ -1,15 +1,41 @@
 """Compiled helpers that every task uses: rows of a craft, duties in, the oracle view out, bounded numbers."""
 
 import math
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import exponential, rotate
 from thruster_envs.random import RESET, philox, uniform_pair
+
+Named = TypeVar("Named", bound=tuple[Any, ...])
+
+
+def opener(kind: type[Named], *, columns: bool = False) -> Any:
+    """A compiled function that makes a NamedTuple of an array, for the first lines of a kernel.
+
+    Kernels are called with arrays, since a NamedTuple takes thirty times as long to enter one. Inside a
+    kernel its names cost nothing.
+
+    Args:
+        kind: The NamedTuple.
+        columns: Whether the array is (..., fields), so that each field is a view (...,) of it, to be written
+            too; else it is (fields,), and each field is a number.
+    """
+    place = "..., " if columns else ""
+    entries = ", ".join(f"array[{place}{k}]" for k in range(len(kind._fields)))  # type: ignore[attr-defined]
+    # Compiled code has no star expression for arrays.
+    return njit(eval(f"lambda array: kind({entries})", {"kind": kind}), forceinline=True)
+
+
+def columns_of(kind: type[Named], array: NDArray[Any]) -> Named:
+    """Views (...,) of the columns of an array (..., fields) by the names of a NamedTuple."""
+    return kind(*np.moveaxis(array, -1, 0))
 
 
 @njit(forceinline=True)

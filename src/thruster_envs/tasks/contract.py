@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
 from thruster_envs.observations import Field
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.physics.fleet import Fleet, check_flyable
 from thruster_envs.spacecraft import Spacecraft, load
 from thruster_envs.spacecraft.description import LARGEST
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 
 FloatArray = NDArray[np.float64]
 Observations = NDArray[np.float32]
@@ -350,3 +352,12 @@ class Task(ABC):
     def report(self, state: Any) -> dict[str, dict[str, NDArray[Any]]]:  # noqa: ARG002  # most tasks have nothing
         """What else ``info`` shows: group to name to (worlds, agents), new arrays."""
         return {}
+
+    def picture(self, frame: Frame) -> Picture:
+        """What is to be seen of a world beside its craft: by default how far it is from the origin."""
+        place = frame.state.fleet.read(at.POSITION, 3)[frame.world, self.first_commanded]
+        return Picture(readouts=(distance(place, np.zeros(3)), *fuel_and_score(frame)))
+
+    def sample(self, state: Any, world: int, time: float) -> tuple[float, ...]:  # noqa: ARG002  # most tasks have nothing
+        """Numbers that a picture of a world wants of every step of its episode, at ``time`` in s."""
+        return ()

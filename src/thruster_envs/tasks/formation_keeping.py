@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,9 +25,11 @@ from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
     attitude_error,
     bounded,
+    columns_of,
     command_duties,
     disperse_attitude,
     draw_start,
+    opener,
     place,
     rate_error,
     write_oracle_view,
@@ -45,6 +47,7 @@ from thruster_envs.tasks.contract import (
     check_whole,
     error_fields,
 )
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 from thruster_envs.tasks.pilot import Pilot
 
 _BOUND = 5.0
@@ -52,31 +55,80 @@ _BOUND = 5.0
 _POSITION, _VELOCITY, _ANGLE, _RATE, _BETWEEN = 10.0, 0.05, 0.5, 0.05, 100.0
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
 _DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
-# Columns of the account, per craft.
-_TRACKING, _ATTITUDE, _FUEL, _COST, _OPEN_TIME, _KEPT, _COLLISIONS, _ACCOUNT = range(8)
-# Entries of the limits.
-(
-    _PERIOD, _MEAN_MOTION, _RADIUS, _SLOT_BOX, _KEEP_OUT, _RANGE_LIMIT, _RATE_LIMIT, _FUEL_PRICE, _LIMITS,
-) = range(9)  # fmt: skip
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        mean_motion: rad/s.
+        radius: Of the relative orbit on which the slots lie, m.
+        slot_tolerance: Distance from the slot within which it counts as kept, m.
+        keep_out: Distance between two craft below which there is a cost, m.
+        range_limit: Distance from the slot at which the episode ends as a failure, m.
+        rate_limit: Body rate at which it does, rad/s.
+        fuel_price: Of a thruster-second.
+    """
+
+    period: float
+    mean_motion: float
+    radius: float
+    slot_tolerance: float
+    keep_out: float
+    range_limit: float
+    rate_limit: float
+    fuel_price: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds, craft) each.
+
+    Attributes:
+        tracking: Term of the reward of the last step, and the next two likewise.
+        attitude: Likewise.
+        fuel: Likewise.
+        cost: Of the last step.
+        open_time: Thruster-seconds since the reset.
+        kept: Steps after which the craft was in its slot.
+        collisions: Sum of the cost.
+    """
+
+    tracking: FloatArray
+    attitude: FloatArray
+    fuel: FloatArray
+    cost: FloatArray
+    open_time: FloatArray
+    kept: FloatArray
+    collisions: FloatArray
+
+
+_parameters, _statistics = opener(Parameters), opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class FormationModel:
-    """The configuration in numbers: authority (6,) of a period, limits, and the pilot of the other craft."""
+    """The configuration in arrays.
+
+    Attributes:
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
+        parameters: As :class:`Parameters` names them.
+        pilot: Of the craft that nobody commands.
+    """
 
     authority: FloatArray
-    limits: FloatArray
+    parameters: FloatArray
     pilot: Pilot
 
 
 @dataclass
 class FormationState(TaskState):
-    """Arrays of a batch: slots and accounts."""
+    """Arrays of a batch."""
 
     model: FormationModel
     phase: FloatArray  # (worlds,), rad, of the first slot at the start
     slots: FloatArray  # (worlds, craft, 6), m and m/s, LVLH, now
-    account: FloatArray  # (worlds, craft, 7)
+    statistics: FloatArray  # (worlds, craft, 7), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
 
 
@@ -161,14 +213,24 @@ class FormationKeeping(Task):
             max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
-        limits = np.array(
-            [vehicle.control_period, vehicle.mean_motion, self.radius, self.slot_tolerance, self.keep_out,
-             self.range_limit, self.rate_limit, price]
-        )  # fmt: skip
+        parameters = Parameters(
+            period=vehicle.control_period,
+            mean_motion=vehicle.mean_motion,
+            radius=self.radius,
+            slot_tolerance=self.slot_tolerance,
+            keep_out=self.keep_out,
+            range_limit=self.range_limit,
+            rate_limit=self.rate_limit,
+            fuel_price=price,
+        )
         return FormationState(
-            fleet, FormationModel(axis_scale(vehicle), limits, Pilot.of(vehicle)), np.zeros(worlds),
-            np.zeros((worlds, self.craft, 6)), np.zeros((worlds, self.craft, _ACCOUNT)), np.zeros(worlds),
-        )  # fmt: skip
+            fleet,
+            FormationModel(axis_scale(vehicle), np.array(parameters), Pilot.of(vehicle)),
+            phase=np.zeros(worlds),
+            slots=np.zeros((worlds, self.craft, 6)),
+            statistics=np.zeros((worlds, self.craft, len(Statistics._fields))),
+            over=np.zeros(worlds),
+        )
 
     def reset(self, state: FormationState, which: NDArray[np.int64]) -> None:
         """Start near the slots, which begin at a random phase of the relative orbit."""
@@ -177,10 +239,10 @@ class FormationKeeping(Task):
             fleet.data,
             fleet.streams,
             which,
-            state.model.limits,
+            state.model.parameters,
             state.phase,
             state.slots,
-            state.account,
+            state.statistics,
             state.over,
         )
         fleet.look(which)
@@ -192,27 +254,36 @@ class FormationKeeping(Task):
         if commanded < self.craft:
             model.pilot.fly(fleet.data, state.slots, commanded, self.craft, fleet.worlds)
         fleet.fly()
-        _judge(fleet.data, model.limits, state.phase, state.slots, state.account, state.over)
+        _evaluate_step(fleet.data, model.parameters, state.phase, state.slots, state.statistics, state.over)
 
     def observe(self, state: FormationState) -> Observations:
         """(worlds, agents, observation_size)."""
         observations = np.empty((state.fleet.worlds, len(self.agents), self.observation_size), np.float32)
         _observe(
-            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, state.slots,
-            state.account, self.observe_fault, self.action_size, observations,
+            state.fleet.data, state.fleet.faults, state.model.parameters, state.model.authority, state.slots,
+            state.statistics, self.observe_fault, self.action_size, observations,
         )  # fmt: skip
         return observations
 
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        account = state.account[:, : len(self.agents)]
-        return Outcome(account[..., _TRACKING : _FUEL + 1], account[..., _COST], state.over)
+        statistics = state.statistics[:, : len(self.agents)]
+        episode = columns_of(Statistics, statistics)
+        return Outcome(statistics[..., : len(self.reward_terms)], episode.cost, state.over)
 
     def truth(self, state: FormationState) -> Truth:
         """The score is the share of steps in which the slot was kept; a collision cost rules success out."""
         fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
-        _rate(state.fleet.data, state.account, state.over, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, state.over, fuel, score, success)
         return Truth(fuel, score, success)
+
+    def picture(self, frame: Frame) -> Picture:
+        """The craft with their slots."""
+        state: FormationState = frame.state
+        world = frame.world
+        slots, places = state.slots[world, :, :3], state.fleet.read(at.POSITION, 3)[world]
+        readouts = (distance(places[0], slots[0]), *fuel_and_score(frame))
+        return Picture(readouts=readouts, targets=slots)
 
 
 @njit
@@ -224,18 +295,19 @@ def _slot(phase, radius, n):
 
 
 @njit
-def _place_slots(phase, step, limits, slots):
-    craft, n = slots.shape[0], limits[_MEAN_MOTION]
+def _place_slots(phase, step, parameters, slots):
+    craft, n = slots.shape[0], parameters.mean_motion
     for c in range(craft):
-        turn = phase + 2.0 * math.pi * c / craft + n * step * limits[_PERIOD]
-        place_and_speed = _slot(turn, limits[_RADIUS], n)
+        turn = phase + 2.0 * math.pi * c / craft + n * step * parameters.period
+        place_and_speed = _slot(turn, parameters.radius, n)
         for k in range(6):
             slots[c, k] = place_and_speed[k]
 
 
 @kernel
-def _start(data, streams, which, limits, phase, slots, account, over):
-    lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
+def _start(data, streams, which, numbers, phase, slots, statistics, over):
+    parameters = _parameters(numbers)
+    lanes, craft, n = data.shape[2], slots.shape[1], parameters.mean_motion
     uniform = np.empty(16)
     for world in which:
         over[world] = 0.0
@@ -244,27 +316,27 @@ def _start(data, streams, which, limits, phase, slots, account, over):
             draw_start(streams, b, w, c, uniform)
             if c == 0:
                 phase[world] = 2.0 * math.pi * uniform[15]
-                _place_slots(phase[world], 0.0, limits, slots[world])
+                _place_slots(phase[world], 0.0, parameters, slots[world])
             for k in range(3):
                 data[b, at.POSITION + k, w] = slots[world, c, k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
                 data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (
                     2.0 * uniform[3 + k] - 1.0
                 )
             disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3], n)
-            for k in range(_ACCOUNT):
-                account[world, c, k] = 0.0
+            statistics[world, c] = 0.0
 
 
 @kernel
-def _judge(data, limits, phase, slots, account, over):
-    lanes, craft, n = data.shape[2], slots.shape[1], limits[_MEAN_MOTION]
+def _evaluate_step(data, numbers, phase, slots, statistics, over):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
+    lanes, craft, n = data.shape[2], slots.shape[1], parameters.mean_motion
     for world in range(slots.shape[0]):
         b, w = place(world, 0, craft, lanes)
-        _place_slots(phase[world], data[b, at.STEP, w], limits, slots[world])
+        _place_slots(phase[world], data[b, at.STEP, w], parameters, slots[world])
         bill = 0.0
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
-            bill += (data[b, at.OPEN_TIME, w] - account[world, c, _OPEN_TIME]) / craft
+            bill += (data[b, at.OPEN_TIME, w] - episode.open_time[world, c]) / craft
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
             away = 0.0
@@ -284,45 +356,46 @@ def _judge(data, limits, phase, slots, account, over):
                     for k in range(3):
                         distance += (data[b, at.POSITION + k, w] - data[b2, at.POSITION + k, w2]) ** 2
                     nearest = min(nearest, math.sqrt(distance))
-            account[world, c, _TRACKING] = -min(away / _POSITION, 1.0)
-            account[world, c, _ATTITUDE] = -0.5 * min(tilt, 1.0)
-            account[world, c, _FUEL] = -limits[_FUEL_PRICE] * bill
-            account[world, c, _COST] = max(0.0, 1.0 - nearest / limits[_KEEP_OUT])
-            account[world, c, _COLLISIONS] += account[world, c, _COST]
-            account[world, c, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
-            account[world, c, _KEPT] += 1.0 if away <= limits[_SLOT_BOX] else 0.0
+            episode.tracking[world, c] = -min(away / _POSITION, 1.0)
+            episode.attitude[world, c] = -0.5 * min(tilt, 1.0)
+            episode.fuel[world, c] = -parameters.fuel_price * bill
+            episode.cost[world, c] = max(0.0, 1.0 - nearest / parameters.keep_out)
+            episode.collisions[world, c] += episode.cost[world, c]
+            episode.open_time[world, c] = data[b, at.OPEN_TIME, w]
+            episode.kept[world, c] += 1.0 if away <= parameters.slot_tolerance else 0.0
             followed = data[b, at.LOST, w] == 0.0
-            if not (followed and away <= limits[_RANGE_LIMIT] and spinning <= limits[_RATE_LIMIT]):
+            if not (followed and away <= parameters.range_limit and spinning <= parameters.rate_limit):
                 over[world] = 1.0
 
 
 @kernel
-def _rate(data, account, over, fuel, score, success):
+def _rate(data, statistics, over, fuel, score, success):
     """Fuel, score and success of every agent, (worlds, agents) each."""
-    lanes, craft = data.shape[2], account.shape[1]
+    episode = _statistics(statistics)
+    lanes, craft = data.shape[2], statistics.shape[1]
     for world in range(score.shape[0]):
         for c in range(score.shape[1]):
             b, w = place(world, c, craft, lanes)
-            row = account[world, c]
-            kept = row[_KEPT] / max(data[b, at.STEP, w], 1.0)
-            fuel[world, c], score[world, c] = row[_OPEN_TIME], kept
-            success[world, c] = kept >= 0.8 and row[_COLLISIONS] == 0.0 and over[world] == 0.0
+            kept = episode.kept[world, c] / max(data[b, at.STEP, w], 1.0)
+            fuel[world, c], score[world, c] = episode.open_time[world, c], kept
+            success[world, c] = kept >= 0.8 and episode.collisions[world, c] == 0.0 and over[world] == 0.0
 
 
 @kernel
-def _observe(data, faults, limits, authority, slots, account, observe_fault, n, observations):
+def _observe(data, faults, numbers, authority, slots, statistics, observe_fault, n, observations):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft, m = data.shape[2], slots.shape[1], at.MEASURED
     for world in range(observations.shape[0]):
         mean = 0.0
         for c in range(craft):
-            mean += account[world, c, _OPEN_TIME] / craft
+            mean += episode.open_time[world, c] / craft
         for c in range(observations.shape[1]):
             b, w = place(world, c, craft, lanes)
             row = observations[world, c]
             q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
             angle = attitude_error(q)
             spin = rate_error(
-                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), limits[_MEAN_MOTION]
+                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), parameters.mean_motion
             )
             for k in range(3):
                 row[k] = bounded((data[b, m + k, w] - slots[world, c, k]) / _POSITION, _BOUND)
@@ -334,7 +407,7 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
             for k in range(6):
                 row[12 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
                 row[18 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
-            row[24 + n] = bounded(account[world, c, _OPEN_TIME] / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
+            row[24 + n] = bounded(episode.open_time[world, c] / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
             column = 25 + n
             for other in range(craft):
                 if other != c:
@@ -344,5 +417,5 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
                         row[column + k] = bounded(between / _BETWEEN, _BOUND)
                     column += 3
             if observe_fault:
-                start = data[b, at.STEP, w] * limits[_PERIOD]
-                write_oracle_view(faults, b, w, start, limits[_PERIOD], row, column)
+                start = data[b, at.STEP, w] * parameters.period
+                write_oracle_view(faults, b, w, start, parameters.period, row, column)
