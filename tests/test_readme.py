@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tests.agents.test_score import STATED_SCORE, STATED_WAY
+from tests.own_task import FIRST_LINE, blocks, write_own_task
 
 README = Path(__file__).parents[1] / "README.md"
 RECORD = README.parent / "docs" / "results" / "reproductions.json"
@@ -16,12 +17,15 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     catalogue = files("thruster_envs.spacecraft").joinpath("catalogue", "orion.toml")
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 6
-    for block in blocks:
+    monkeypatch.syspath_prepend(tmp_path)
+    write_own_task(tmp_path)
+    examples = [block for block in blocks() if not block.startswith(FIRST_LINE)]
+    assert len(examples) == 7
+    for block in examples:
         exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out
     assert "4.5" in printed
+    assert "[40 40 40]" in printed
     assert "4.065" in printed
     assert (
         "[5]\nthe rate change of vehicle 0, velocity x, is nan; a finite number of m/s would be right"

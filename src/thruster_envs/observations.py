@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import nearest
 
-__all__ = ["Field", "Reader", "Reading", "page_rows"]
+__all__ = ["Field", "Reader", "Reading", "page_rows", "written"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -93,6 +93,25 @@ def page_rows(fields: tuple[Field, ...]) -> list[str]:
         rows.append(f"| {index} | {field.meaning} | {field.low:g} | {field.bound:g} | {field.label} |")
         first = last + 1
     return rows
+
+
+def written(fields: tuple[Field, ...], **values: ArrayLike) -> NDArray[np.float32]:
+    """An observation of SI values by name, each divided by its scale and clipped to its bounds.
+
+    Args:
+        fields: What is observed, in order.
+        **values: (..., entries) of each field. Where a scale is 0 the entry is 0.
+
+    >>> fields = (Field("velocity", "measured velocity", 3, "m/s", 0.5, bound=5.0),)
+    >>> written(fields, velocity=[1.0, -9.0, 0.2])
+    array([ 2. , -5. ,  0.4], dtype=float32)
+    """
+    parts = []
+    for field in fields:
+        value, scale = np.asarray(values[field.name], np.float64), np.asarray(field.scale)
+        entries = np.divide(value, scale, out=np.zeros(value.shape), where=scale != 0.0)
+        parts.append(entries.clip(field.low, field.bound))
+    return np.concatenate(parts, axis=-1, dtype=np.float32)
 
 
 @dataclass(frozen=True)

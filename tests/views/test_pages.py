@@ -69,7 +69,7 @@ def test_a_page_names_every_entry_of_info_and_every_argument(identifier):
     for key in info:
         assert f"- `{key}`:" in parts["Information"]
     for field in dataclasses.fields(env.task):
-        if field.init and field.name not in env.fixed:
+        if field.init and field.name not in env.task.one_agent:
             assert f"`{field.name}`" in parts["Arguments"]
 
 

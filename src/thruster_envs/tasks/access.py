@@ -11,7 +11,13 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import exponential, rotate
+from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import RESET, philox, uniform_pair
+
+#: First rows of what the sensors said, 3, 3, 4 and 3 of them: m, m/s, body-from-LVLH, rad/s.
+MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_ATTITUDE, MEASURED_RATE = (
+    at.MEASURED + k for k in (0, 3, 6, 10)
+)
 
 Named = TypeVar("Named", bound=tuple[Any, ...])
 
@@ -55,6 +61,22 @@ def draw_start(streams, b, w, craft, uniform):
         )  # fmt: skip
         for k in range(4):
             uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+
+
+@kernel
+def _fill_starts(streams, which, uniform):
+    number_of_craft, lanes = uniform.shape[1], streams.shape[2]
+    for k in range(which.shape[0]):
+        for craft in range(number_of_craft):
+            b, w = place(which[k], craft, number_of_craft, lanes)
+            draw_start(streams, b, w, craft, uniform[k, craft])
+
+
+def start_numbers(fleet: Fleet, which: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Numbers from 0 to 1 for the start of episodes, functions of their seeds: (len(which), craft, count)."""
+    uniform = np.empty((len(which), fleet.craft, 8 * -(-count // 8)))
+    _fill_starts(fleet.streams, which, uniform)
+    return uniform[..., :count]
 
 
 @kernel

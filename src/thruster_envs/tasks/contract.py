@@ -197,6 +197,8 @@ class Task(ABC):
     reward_terms: ClassVar[tuple[str, ...]]
     #: Steps after which the views cut an episode; None where the task itself ends it.
     max_episode_steps: ClassVar[int | None]
+    #: Fields that the views of one agent fix, so that one craft is commanded.
+    one_agent: ClassVar[dict[str, Any]] = {}
     #: Whether its craft move.
     flies: ClassVar[bool] = True
     #: Whether it takes vehicles with reaction wheels or control-moment gyros.

@@ -208,6 +208,7 @@ class FormationAttitude(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("pointing", "balance", "pulses")
     max_episode_steps: ClassVar[int | None] = 3000
+    one_agent: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}
 
     def __post_init__(self) -> None:
         super().__post_init__()

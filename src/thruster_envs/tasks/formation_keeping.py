@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -160,6 +160,7 @@ class FormationKeeping(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel")
     max_episode_steps: ClassVar[int | None] = 120
+    one_agent: ClassVar[dict[str, Any]] = {"commanded": 1}
     takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
