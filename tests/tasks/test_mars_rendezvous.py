@@ -15,10 +15,10 @@ from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.physics import disturbances
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.pilots.approach import FACING, ApproachPilot
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import MarsRendezvous
-from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot
 from thruster_envs.views.worlds import Worlds
 
 CHASER = load("msr_chaser")

@@ -13,13 +13,12 @@ reference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.control.quaternions import product, rotation_matrix
 from thruster_envs.observations import Reader
+from thruster_envs.pilots import FACING, ApproachSettings
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -28,30 +27,7 @@ __all__ = ["ApproachController", "ApproachSettings"]
 #: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
 AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 #: Turns an attitude against that of the approach (rows, 4) into one from LVLH.
-_FROM_LVLH = np.array([product(unit, np.array([0.5, 0.5, 0.5, -0.5])) for unit in np.eye(4)])
-
-
-@dataclass(frozen=True, kw_only=True)
-class ApproachSettings:
-    """How the approach is flown.
-
-    Attributes:
-        speed: Along-track, m/s.
-        contact_speed: At the target, m/s.
-        braking: Deceleration in between, m/s^2.
-        translation: Natural frequency of the position loop, rad/s.
-        rotation: Natural frequency of the attitude loop, rad/s.
-        damping: Of both.
-        idle: Open rate of a thruster that is not needed.
-    """
-
-    speed: float = 0.1
-    contact_speed: float = 0.05
-    braking: float = 2e-3
-    translation: float = 0.2
-    rotation: float = 0.5
-    damping: float = 0.9
-    idle: float = 0.1
+_FROM_LVLH = np.array([product(unit, np.array(FACING)) for unit in np.eye(4)])
 
 
 class ApproachController:

@@ -19,7 +19,7 @@ from thruster_envs.faults import MODES
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field, Reader
 from thruster_envs.physics import rows as at
-from thruster_envs.tasks.access import place
+from thruster_envs.physics.access import place
 from thruster_envs.tasks.contract import Observations, check_not_negative, check_positive
 from thruster_envs.tasks.fault_diagnosis import FLIGHT, DiagnosisState, FaultDiagnosis, open_statistics
 

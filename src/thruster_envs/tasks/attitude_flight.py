@@ -2,12 +2,12 @@
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import place
 from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.period import fly_pulses, fly_pulses_singly
 from thruster_envs.physics.sensing import apply_sensor_faults
 from thruster_envs.physics.vehicle import open_vehicle
-from thruster_envs.tasks.access import place
-from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
+from thruster_envs.pilots.attitude import hold_attitudes, relative_motion
 
 
 @kernel(nogil=True)

@@ -27,19 +27,16 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.protocols import Sight
 from thruster_envs.random import COMMAND, philox, uniform_pair
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
-    columns_of,
     command_duties,
     disperse_attitude,
     draw_start,
-    opener,
-    place,
-    rate_error,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
@@ -57,7 +54,6 @@ from thruster_envs.tasks.contract import (
     per_period,
 )
 from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
-from thruster_envs.tasks.pilot import Pilot
 from thruster_envs.tasks.thruster_mapping import MappingModel
 
 #: Control periods of a flight.
@@ -164,7 +160,7 @@ class DiagnosisModel:
     authority: FloatArray
     projection: FloatArray
     parameters: FloatArray
-    pilot: Pilot
+    pilot: SlotPilot
 
 
 @dataclass
@@ -311,7 +307,7 @@ class FaultDiagnosis(Task):
             wrong_name_cost=self.wrong_name_cost / FLIGHT,
             wrong_mode_cost=self.wrong_mode_cost / FLIGHT,
         )
-        pilot = dataclasses.replace(Pilot.of(vehicle), frequencies=frequencies)
+        pilot = dataclasses.replace(SlotPilot.of(vehicle), frequencies=frequencies)
         return DiagnosisModel(numbers.authority, numbers.projection, np.array(parameters), pilot)
 
     def rate_soft_limit(self) -> float:

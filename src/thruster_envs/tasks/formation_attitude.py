@@ -3,8 +3,8 @@
 Models two to sixteen like craft, a leader and its followers, in attitude alone (Valdes 2008, chapters 5 and
 6): three pairs of pulsed plasma thrusters each, one decision in every control period, gravity gradient and a
 small constant torque. Targets are drawn from angles that contain the manoeuvres of the source. Craft that are
-not commanded fly by the law of :mod:`.attitude_pilot`. Leaves out translation, and any limit to what a
-follower knows of the leader.
+not commanded fly by the law of :mod:`thruster_envs.pilots.attitude`. Leaves out translation, and any limit to
+what a follower knows of the leader.
 """
 
 from __future__ import annotations
@@ -22,19 +22,11 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, check_torques, discharge_of
 from thruster_envs.physics.vehicle import open_vehicle
-from thruster_envs.random import RESET, philox, uniform_pair
-from thruster_envs.spacecraft.description import Vector
-from thruster_envs.tasks.access import (
-    attitude_error,
-    bounded,
-    columns_of,
-    opener,
-    place,
-)
-from thruster_envs.tasks.attitude_pilot import (
+from thruster_envs.pilots.attitude import (
     AttitudePilot,
     Gains,
     command_pulses,
@@ -43,6 +35,9 @@ from thruster_envs.tasks.attitude_pilot import (
     relative_motion,
     turned,
 )
+from thruster_envs.random import RESET, philox, uniform_pair
+from thruster_envs.spacecraft.description import Vector
+from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,

@@ -21,17 +21,14 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
-    columns_of,
     command_duties,
     disperse_attitude,
     draw_start,
-    opener,
-    place,
-    rate_error,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
@@ -48,7 +45,6 @@ from thruster_envs.tasks.contract import (
     error_fields,
 )
 from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
-from thruster_envs.tasks.pilot import Pilot
 
 _BOUND = 5.0
 #: What observations are divided by: m, m/s, rad, rad/s; distances between craft, m.
@@ -118,7 +114,7 @@ class FormationModel:
 
     authority: FloatArray
     parameters: FloatArray
-    pilot: Pilot
+    pilot: SlotPilot
 
 
 @dataclass
@@ -226,7 +222,7 @@ class FormationKeeping(Task):
         )
         return FormationState(
             fleet,
-            FormationModel(axis_scale(vehicle), np.array(parameters), Pilot.of(vehicle)),
+            FormationModel(axis_scale(vehicle), np.array(parameters), SlotPilot.of(vehicle)),
             phase=np.zeros(worlds),
             slots=np.zeros((worlds, self.craft, 6)),
             statistics=np.zeros((worlds, self.craft, len(Statistics._fields))),

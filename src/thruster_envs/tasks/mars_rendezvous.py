@@ -28,6 +28,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
 from thruster_envs.physics.attitude import (
     conjugate,
     exponential,
@@ -38,17 +39,8 @@ from thruster_envs.physics.attitude import (
 from thruster_envs.physics.disturbances import Disturbances, disturb
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.relative_orbit import hill_acceleration
-from thruster_envs.tasks.access import (
-    attitude_error,
-    bounded,
-    columns_of,
-    draw_start,
-    opener,
-    place,
-    rate_error,
-    write_oracle_view,
-)
-from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot, steer_one
+from thruster_envs.pilots.approach import FACING, ApproachPilot, open_law, steer_one
+from thruster_envs.tasks.access import bounded, draw_start, write_oracle_view
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,
@@ -677,9 +669,9 @@ def _filter(sight, parameters, estimate):
 
 
 @kernel(nogil=True)
-def _pilot(data, numbers, sights, estimate, inverse, inertia, law, actions, first, last):
+def _pilot(data, numbers, sights, estimate, inverse, inertia, law_numbers, actions, first, last):
     """Open rates of the scripted pilot, as actions."""
-    parameters = _parameters(numbers)
+    parameters, law = _parameters(numbers), open_law(law_numbers)
     lanes, n = data.shape[2], inverse.shape[0]
     sight, duties = np.empty(13), np.empty(n)
     for world in range(first, last):

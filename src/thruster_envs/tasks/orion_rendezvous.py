@@ -20,17 +20,13 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
-    columns_of,
     command_duties,
     disperse_attitude,
     draw_start,
-    opener,
-    place,
-    rate_error,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (

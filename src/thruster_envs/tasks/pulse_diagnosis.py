@@ -26,6 +26,7 @@ from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistri
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import columns_of, opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.plasma_pulse import (
@@ -37,12 +38,7 @@ from thruster_envs.physics.plasma_pulse import (
 )
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Discharge
-from thruster_envs.tasks.access import (
-    bounded,
-    columns_of,
-    opener,
-    place,
-)
+from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,

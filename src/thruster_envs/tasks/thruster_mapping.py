@@ -21,17 +21,11 @@ from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
-from thruster_envs.tasks.access import (
-    bounded,
-    command_duties,
-    opener,
-    place,
-    true_model,
-    write_oracle_view,
-)
+from thruster_envs.tasks.access import bounded, command_duties, true_model, write_oracle_view
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,
