@@ -268,8 +268,9 @@ def fly_missions(
             rows[which] = fleet.fault_rows()
             fly_whole(
                 fleet.arrays, fleet.sensor_faults, fleet.sensors_fail, fleet.vehicle, aims[which], gains,
-                attitude[which], measured_attitude[which], rate[which], measured_rate[which], pulses[which],
-                thrust[which],
+                tuple(
+                    one[which] for one in (attitude, measured_attitude, rate, measured_rate, pulses, thrust)
+                ),
             )  # fmt: skip
 
     cores = threads if threads is not None else (os.cpu_count() or 1)

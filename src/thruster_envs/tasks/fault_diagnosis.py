@@ -360,7 +360,7 @@ class FaultDiagnosis(Task):
         rows, fleet, model = observations[:, 0], state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _observe(
-                fleet.data, fleet.faults, model.parameters, model.authority, model.projection, state.slots,
+                fleet.data, fleet.faults, model.parameters, (model.authority, model.projection), state.slots,
                 state.declared, self.observe_fault, rows, first, last,
             )
         )  # fmt: skip
@@ -600,10 +600,8 @@ def _rate(data, statistics, declared, fuel, score, success):
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, numbers, authority, projection, slots, declared, observe_fault, observations, first, last
-):  # fmt: skip
-    parameters = open_parameters(numbers)
+def _observe(data, faults, numbers, model, slots, declared, observe_fault, observations, first, last):
+    parameters, (authority, projection) = open_parameters(numbers), model
     n, lanes, m = projection.shape[0], data.shape[2], at.MEASURED
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)

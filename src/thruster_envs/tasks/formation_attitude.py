@@ -368,9 +368,9 @@ class FormationAttitude(Task):
         observations = np.empty((fleet.worlds, len(self.agents), self.observation_size), np.float32)
         fleet.by_worlds(
             lambda start, stop: _observe(
-                fleet.data, fleet.faults, fleet.vehicle, state.model.parameters, state.targets, state.owed,
-                state.statistics, self.first_commanded, self.choices is None, self.observe_fault,
-                observations, start, stop,
+                fleet.data, fleet.faults, fleet.vehicle, state.model.parameters,
+                (state.targets, state.owed, state.statistics), self.first_commanded,
+                (self.choices is None, self.observe_fault), observations, start, stop,
             )
         )  # fmt: skip
         return observations
@@ -611,10 +611,10 @@ def _evaluate_step(data, streams, numbers, targets, statistics, over, start, sto
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, parts, numbers, targets, owed, statistics, first, by_duties, observe_fault, observations,
-    start, stop,
-):  # fmt: skip
+def _observe(data, faults, parts, numbers, arrays, first, shown, observations, start, stop):
+    """Write observations, of pulses owed and of faults where they are shown."""
+    targets, owed, statistics = arrays
+    by_duties, observe_fault = shown
     parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft, n = data.shape[2], targets.shape[1], owed.shape[2]
     made, pulses = np.empty((pulse.HEALTH_GROUPS, n)), open_vehicle(parts).pulses

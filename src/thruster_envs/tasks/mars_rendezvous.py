@@ -400,8 +400,9 @@ class MarsRendezvous(Task):
         fleet, model = state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _command(
-                fleet.data, fleet.faults, actions, fleet.rows.pending, fleet.rows.inhibited, state.branch,
-                model.parameters, model.disturbances, state.sky, fleet.rows.push, first, last,
+                fleet.data, fleet.faults, actions,
+                (fleet.rows.pending, fleet.rows.inhibited, fleet.rows.push), state.branch,
+                model.parameters, model.disturbances, state.sky, first, last,
             )
         )  # fmt: skip
         fleet.fly()
@@ -417,9 +418,9 @@ class MarsRendezvous(Task):
         rows, fleet, model = observations[:, 0], state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _observe(
-                fleet.data, fleet.faults, model.parameters, model.authority, state.sights, state.estimate,
-                state.branch, fleet.rows.inhibited, fleet.rows.thrusters, self.inhibit,
-                self.vehicle.spare_branch, self.observe_fault, rows, first, last,
+                fleet.data, fleet.faults, model.parameters, model.authority,
+                (state.sights, state.estimate, state.branch), (fleet.rows.inhibited, fleet.rows.thrusters),
+                (self.inhibit, self.vehicle.spare_branch, self.observe_fault), rows, first, last,
             )
         )  # fmt: skip
         return observations
@@ -556,11 +557,9 @@ def _first_sight(data, which, numbers, sights, estimate):
 
 
 @kernel(nogil=True)
-def _command(
-    data, faults, actions, pending, inhibited, branch, numbers, disturbances, sky, push, first, last
-):  # fmt: skip
+def _command(data, faults, actions, rows, branch, numbers, disturbances, sky, first, last):
     """Write open rates, isolation valves and disturbances, and go over to the spare branch where asked."""
-    parameters = _parameters(numbers)
+    parameters, (pending, inhibited, push) = _parameters(numbers), rows
     lanes, n = data.shape[2], push - inhibited
     turns = parameters.mean_motion / (2.0 * math.pi)
     for world in range(first, last):
@@ -687,10 +686,11 @@ def _pilot(data, numbers, sights, estimate, inverse, inertia, law_numbers, actio
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, numbers, authority, sights, estimate, branch, inhibited, n, inhibit, spare, observe_fault,
-    observations, first, last,
-):  # fmt: skip
+def _observe(data, faults, numbers, authority, navigation, valves, shown, observations, first, last):
+    """Write observations of what navigation says, of the valves, and of faults where that is shown."""
+    sights, estimate, branch = navigation
+    inhibited, n = valves
+    inhibit, spare, observe_fault = shown
     parameters = _parameters(numbers)
     lanes = data.shape[2]
     for world in range(first, last):

@@ -223,9 +223,10 @@ class ThrusterMapping(Task):
         command_duties(fleet.data, duties, 1)
         fleet.fly(move=False)
         _evaluate_step(
-            fleet.data, fleet.streams, self.vehicle.control_period, self.vehicle.mass, model.inverse_inertia,
-            model.effectiveness, model.fuel_cost, model.slack_cost, model.noise, model.scale,
-            state.command, state.delivered, state.measured, state.expected, state.statistics,
+            fleet.data, fleet.streams, self.vehicle.control_period,
+            (self.vehicle.mass, model.inverse_inertia),
+            (model.effectiveness, model.fuel_cost, model.slack_cost, model.noise, model.scale),
+            (state.command, state.delivered, state.measured, state.expected), state.statistics,
         )  # fmt: skip
         _draw_commands(fleet.data, fleet.streams, state.fleet.everyone, model.authority, state.command)
 
@@ -302,11 +303,11 @@ def _draw_commands(data, streams, which, authority, commands):
 
 
 @kernel
-def _evaluate_step(
-    data, streams, period, mass, inverse_inertia, effectiveness, fuel_cost, slack_cost, noise, scale,
-    command, delivered, measured, expected, statistics,
-):  # fmt: skip
+def _evaluate_step(data, streams, period, inertia, model, changes, statistics):
     """Compare what came with what was commanded, and measure it."""
+    mass, inverse_inertia = inertia
+    effectiveness, fuel_cost, slack_cost, noise, scale = model
+    command, delivered, measured, expected = changes
     episode = _statistics(statistics)
     n, lanes = effectiveness.shape[1], data.shape[2]
     normal = np.empty(6)
