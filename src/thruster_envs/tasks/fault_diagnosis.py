@@ -379,16 +379,16 @@ class FaultDiagnosis(Task):
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and what would be right to declare now."""
-        episode = columns_of(Statistics, state.statistics[:, np.newaxis])
+        episode = state.episode
         right = np.zeros((state.fleet.worlds, 2), np.int64)
         _right_now(state.fleet.data, state.fleet.faults, self.vehicle.control_period, right)
         return {
             "diagnosis": {
-                "detected": episode.noticed >= 0.0,
-                "delay": episode.noticed.copy(),
-                "false_alarms": episode.alarms.astype(np.int64),
-                "isolated": episode.isolated > 0.0,
-                "identified": episode.identified > 0.0,
+                "detected": episode.noticed[:, np.newaxis] >= 0.0,
+                "delay": episode.noticed[:, np.newaxis].copy(),
+                "false_alarms": episode.alarms[:, np.newaxis].astype(np.int64),
+                "isolated": episode.isolated[:, np.newaxis] > 0.0,
+                "identified": episode.identified[:, np.newaxis] > 0.0,
                 "thruster": right[:, :1].copy(),
                 "mode": right[:, 1:].copy(),
             }

@@ -157,6 +157,11 @@ class FormationAttitudeState(TaskState):
     statistics: FloatArray  # (worlds, craft, 11), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
 
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FormationAttitude(Task):
@@ -377,24 +382,24 @@ class FormationAttitude(Task):
 
     def outcome(self, state: FormationAttitudeState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        statistics = self._statistics(state)
-        episode = columns_of(Statistics, statistics)
-        return Outcome(statistics[..., : len(self.reward_terms)], episode.cost, state.over)
+        terms = state.statistics[:, self._agents, : len(self.reward_terms)]
+        return Outcome(terms, state.episode.cost[:, self._agents], state.over)
 
     def truth(self, state: FormationAttitudeState) -> Truth:
         """Half of the score is the share of the turn that is done, half that of the requirements met."""
         fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
-        _rate(self._statistics(state), state.over, fuel, score, success)
+        _rate(state.statistics[:, self._agents], state.over, fuel, score, success)
         return Truth(fuel, score, success)
 
     def report(self, state: FormationAttitudeState) -> dict[str, dict[str, NDArray[Any]]]:
         """How far each craft is from its target, and how long it took to settle there."""
-        episode = columns_of(Statistics, self._statistics(state))
+        episode, agents = state.episode, self._agents
+        settled = episode.settled[:, agents]
         return {
             "attitude": {
-                "error": episode.angle.copy(),
-                "requirements_met": episode.met.astype(np.int64),
-                "settling_time": np.where(episode.settled <= episode.since, episode.settled, -1.0),
+                "error": episode.angle[:, agents].copy(),
+                "requirements_met": episode.met[:, agents].astype(np.int64),
+                "settling_time": np.where(settled <= episode.since[:, agents], settled, -1.0),
             }
         }
 
@@ -423,9 +428,10 @@ class FormationAttitude(Task):
         turned, due = 2.0 * math.acos(min(abs(q[0]), 1.0)), 2.0 * math.acos(min(target, 1.0))
         return time, turned, due, math.hypot(*rate)
 
-    def _statistics(self, state: FormationAttitudeState) -> FloatArray:
-        """Those of the commanded craft, a view."""
-        return state.statistics[:, self.first_commanded :][:, : len(self.agents)]
+    @cached_property
+    def _agents(self) -> slice:
+        """Which craft are commanded."""
+        return slice(self.first_commanded, self.first_commanded + len(self.agents))
 
 
 def _two(samples: FloatArray) -> FloatArray:

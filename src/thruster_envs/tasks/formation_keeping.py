@@ -127,6 +127,11 @@ class FormationState(TaskState):
     statistics: FloatArray  # (worlds, craft, 7), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
 
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FormationKeeping(Task):
@@ -264,9 +269,9 @@ class FormationKeeping(Task):
 
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        statistics = state.statistics[:, : len(self.agents)]
-        episode = columns_of(Statistics, statistics)
-        return Outcome(statistics[..., : len(self.reward_terms)], episode.cost, state.over)
+        agents = len(self.agents)
+        terms = state.statistics[:, :agents, : len(self.reward_terms)]
+        return Outcome(terms, state.episode.cost[:, :agents], state.over)
 
     def truth(self, state: FormationState) -> Truth:
         """The score is the share of steps in which the slot was kept; a collision cost rules success out."""

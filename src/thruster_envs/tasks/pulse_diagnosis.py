@@ -461,12 +461,12 @@ class PulseDiagnosis(Task):
 
     def report(self, state: PulseState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and the truth about the pulse that is to be judged now."""
-        episode = columns_of(Statistics, state.statistics[:, np.newaxis])
+        episode = state.episode
         return {
             "diagnosis": {
-                "detected": episode.noticed >= 0.0,
-                "delay": episode.noticed.copy(),
-                "false_alarms": episode.false_pulses.astype(np.int64),
+                "detected": episode.noticed[:, np.newaxis] >= 0.0,
+                "delay": episode.noticed[:, np.newaxis].copy(),
+                "false_alarms": episode.false_pulses[:, np.newaxis].astype(np.int64),
                 "case": state.case[:, np.newaxis].copy(),
                 "thrust": state.truth.ratio[:, np.newaxis].copy(),
             }

@@ -4,12 +4,18 @@ from thruster_envs.kernels import kernel
 
 
 @kernel
-def write_results(outcome, truth, begins, steps, limit, numbers, flags, ends):
+def write_results(
+    terms, cost, over, fuel, score, success, begins, steps, limit, numbers, flags, ends
+):  # fmt: skip
     """Write the results of all worlds, and count the worlds whose episode is over.
 
     Args:
-        outcome: An :class:`~thruster_envs.tasks.Outcome` as a plain tuple.
-        truth: A :class:`~thruster_envs.tasks.Truth` as a plain tuple.
+        terms: (worlds, agents, terms), terms of the reward.
+        cost: (worlds, agents).
+        over: (worlds,), not 0 where an episode has come to its own end.
+        fuel: (worlds, agents).
+        score: (worlds, agents).
+        success: (worlds, agents), not 0 for True.
         begins: (worlds,), worlds that have just begun an episode: terms and cost are 0 in them, nothing is
             over.
         steps: (worlds,), steps of the episodes.
@@ -19,7 +25,6 @@ def write_results(outcome, truth, begins, steps, limit, numbers, flags, ends):
         flags: (2, agents, worlds) bool, filled: success, twice.
         ends: (2, worlds) bool, filled: whether an episode has come to its own end, and whether it is cut.
     """
-    (terms, cost, over), (fuel, score, success) = outcome, truth
     number = terms.shape[2]
     count = 0
     for world in range(steps.shape[0]):
