@@ -136,6 +136,18 @@ def test_settings_and_the_time_limit_may_be_given_with_the_id(own):
     assert cut == [False] * 5 + [True]
 
 
+def test_a_task_that_is_defined_anew_takes_the_place_of_the_former(own, monkeypatch):
+    """As a cell of a notebook that is run again."""
+    former = own.Detumble
+    again = type("Detumble", (former,), {"__module__": "detumble", "max_episode_steps": 5})
+    assert gym.make(ID).unwrapped.task_type is former
+    monkeypatch.setattr(own, "Detumble", again)
+    register("mine/Anew-v0", again)
+    env = gym.make("mine/Anew-v0")
+    assert env.unwrapped.task_type is again
+    assert env.spec.max_episode_steps == 5
+
+
 def test_a_task_of_several_craft_has_all_three_views(team):
     register("mine/Pair-v0", team.Pair, radius=40.0)
     assert gym.make("mine/Pair-v0").unwrapped.task.agents == ("craft_1",)

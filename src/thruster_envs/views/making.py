@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 View = TypeVar("View", bound=type[Any])
 
 
-@cache
 def view_of_path(base: View, name: str, ending: str) -> View:
     """The view of a task by the path to its class.
 
@@ -41,7 +40,9 @@ def view_of_path(base: View, name: str, ending: str) -> View:
         raise AttributeError(f"{name!r} names no task: {error}") from None
     if not (isinstance(task_type, type) and issubclass(task_type, Task)):
         raise AttributeError(f"{name!r} must be a subclass of Task, got {task_type!r}")
-    return _made(base, task_type, f"{attribute}{ending}", base.__module__, name, task_type.__doc__)
+    view: Any = base
+    made: View = _made(view, task_type, f"{attribute}{ending}", base.__module__, name, task_type.__doc__)
+    return made
 
 
 def vector_form(single: type[TaskEnv]) -> type[TaskVectorEnv]:
@@ -50,12 +51,14 @@ def vector_form(single: type[TaskEnv]) -> type[TaskVectorEnv]:
 
     name = f"{single.__name__.removesuffix('Env')}VectorEnv"
     page = f"Many worlds of :class:`{single.__name__}`, which describes one."
-    return _made(TaskVectorEnv, single.task_type, name, single.__module__.rpartition(".")[0], name, page)
+    package = single.__module__.rpartition(".")[0]
+    made: type[TaskVectorEnv] = _made(TaskVectorEnv, single.task_type, name, package, name, page)
+    return made
 
 
-def _made(base: View, task_type: type[Task], name: str, module: str, path: str, page: str | None) -> View:
+@cache
+def _made(base: Any, task_type: type[Task], name: str, module: str, path: str, page: str | None) -> Any:
     entries = {"task_type": task_type, "__module__": module, "__qualname__": path, "__doc__": page}
     if "metadata" in vars(base):
         entries["metadata"] = base.metadata | {"name": name}
-    made: Any = types.new_class(name, (base,), exec_body=lambda namespace: namespace.update(entries))
-    return made  # type: ignore[no-any-return]
+    return types.new_class(name, (base,), exec_body=lambda namespace: namespace.update(entries))
