@@ -25,7 +25,8 @@ def opener(kind: type[Named], *, columns: bool = False) -> Any:
     place = "..., " if columns else ""
     entries = ", ".join(f"array[{place}{k}]" for k in range(len(kind._fields)))  # type: ignore[attr-defined]
     # Compiled code has no star expression for arrays.
-    return njit(eval(f"lambda array: kind({entries})", {"kind": kind}), forceinline=True)
+    names = {"kind": kind, "__name__": kind.__module__}
+    return njit(eval(f"lambda array: kind({entries})", names), forceinline=True)
 
 
 def columns_of(kind: type[Named], array: NDArray[Any]) -> Named:
