@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.numpy_flight import cross, exponential, product, rotate, turn
+from thruster_envs.pilots.attitude import AttitudePilot
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.tasks import FormationAttitude
-from thruster_envs.tasks.attitude_pilot import AttitudePilot
 
 Array = NDArray[np.float64]
 

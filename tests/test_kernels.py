@@ -82,7 +82,7 @@ def test_a_change_of_what_is_compiled_into_a_kernel_counts(tmp_path):
 MOTION = """
 import numpy as np
 from thruster_envs.physics import rows as at
-from thruster_envs.tasks.attitude_pilot import relative_motion
+from thruster_envs.pilots.attitude import relative_motion
 data = np.zeros((1, at.RATE + 3, 2))
 data[0, at.ATTITUDE : at.ATTITUDE + 4] = [[0.6, 0.0], [0.8, 0.8], [0.0, 0.6], [0.0, 0.0]]
 print(relative_motion(data, at.ATTITUDE, 0, 1, 2))
@@ -90,7 +90,7 @@ print(relative_motion(data, at.ATTITUDE, 0, 1, 2))
 
 
 def test_a_change_of_a_module_of_ours_counts(tmp_path):
-    """As a `git pull` would: only `attitude.py` is another; the kernel stands in `attitude_pilot.py`."""
+    """As a `git pull` would: only `physics/attitude.py` is another; the kernel is in `pilots/attitude.py`."""
     shutil.copytree(Path(thruster_envs.__file__).parent, tmp_path / "thruster_envs")
     cache = {"THRUSTER_ENVS_CACHE_DIR": str(tmp_path / "cache")}
     before = python(MOTION, tmp_path, **cache).stdout

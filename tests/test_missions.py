@@ -8,8 +8,8 @@ from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.missions import attitude_of, fly_missions
 from thruster_envs.physics.plasma_pulse import pulse_thrust
 from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
+from thruster_envs.pilots.attitude import AttitudePilot
 from thruster_envs.spacecraft import load
-from thruster_envs.tasks.attitude_pilot import AttitudePilot
 
 PPT = load("ppt_cubesat")
 BASE = [20.0, 30.0, 40.0]

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tests.agents.test_score import STATED_SCORE, STATED_WAY
+from tests.own_task import FIRST_LINE, blocks, write_own_task
 
 README = Path(__file__).parents[1] / "README.md"
 RECORD = README.parent / "docs" / "results" / "reproductions.json"
@@ -16,9 +17,11 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     catalogue = files("thruster_envs.spacecraft").joinpath("catalogue", "orion.toml")
     shutil.copy(str(catalogue), tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 7
-    for block in blocks:
+    monkeypatch.syspath_prepend(tmp_path)
+    write_own_task(tmp_path)
+    examples = [block for block in blocks() if not block.startswith(FIRST_LINE)]
+    assert len(examples) == 8
+    for block in examples:
         exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out
     assert "4.5" in printed
@@ -35,7 +38,9 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     thrusters, first = re.fullmatch(r"\{(.*)\} (\d+)", declared).groups()
     assert thrusters == "1"
     assert 400 <= int(first) < 1000
-    *decisions, end = lines[approach:]
+    *decisions, end, spread, lengths = lines[approach:]
+    assert abs(float(spread) - 0.05 / 3.0**0.5) < 0.002  # of a uniform rate of 1,000 worlds
+    assert lengths == "[40 40 40]"
     assert any(re.fullmatch(r"6\d\.\d s  identified: thruster 3, stuck_on", line) for line in decisions)
     assert "branch B" in decisions[-1]
     assert end == "captured"

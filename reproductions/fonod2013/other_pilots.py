@@ -112,18 +112,19 @@ class _Filter:
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Observations (rows, m) with the filter's position and velocity."""
-        seen, period, bound = self._controller.position(rows), self._period, 5.0
+        seen, period, reader = self._controller.position(rows), self._period, self._controller.reader
         if self._position is None:
-            self._position, self._velocity = seen, 0.1 * rows[:, 6:9]
+            self._position, self._velocity = seen, self._controller.reader(rows).velocity
         else:
             ahead = self._position + period * (self._velocity + 0.5 * self._change)
             missed = seen - ahead
             self._position = ahead + self.alpha * missed
             self._velocity = self._velocity + self._change + self.beta / period * missed
         filtered = rows.copy()
-        filtered[:, :3] = self._position / self._controller.distance
-        filtered[:, 3:6] = np.clip(self._position, -bound, bound)
-        filtered[:, 6:9] = 10.0 * self._velocity
+        filtered[:, reader.columns("position")] = self._position / reader.scale("position")
+        near, bound = self._position / reader.scale("near_position"), reader.field("near_position").bound
+        filtered[:, reader.columns("near_position")] = np.clip(near, -bound, bound)
+        filtered[:, reader.columns("velocity")] = self._velocity * (1.0 / reader.scale("velocity"))
         return filtered
 
     def expect(self, rows: FloatArray, wrench: FloatArray) -> None:

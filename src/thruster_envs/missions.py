@@ -1,7 +1,7 @@
 """Missions of a formation on plasma thrusters, flown whole: followers turn to their attitudes and keep them.
 
 A mission is what Valdes 2008, chapters 5 and 6, flies: a leader that holds its attitude and followers that
-turn from it by given angles, all under the law of :mod:`thruster_envs.tasks.attitude_pilot`, in the physics
+turn from it by given angles, all under the law of :mod:`thruster_envs.pilots.attitude`, in the physics
 of :mod:`thruster_envs.physics.pulsed_flight`, faults included. It runs compiled from its start to its end,
 many missions at once, and is to the last bit what ``formation_attitude_v0`` gives where that law flies it.
 
@@ -30,10 +30,10 @@ from thruster_envs.faults.encoding import FAULT_FIELDS, FIELD_SENSOR
 from thruster_envs.physics.attitude import conjugate, quaternion_product
 from thruster_envs.physics.fleet import Fleet, check_flyable
 from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, discharge_of
+from thruster_envs.pilots.attitude import AttitudePilot, turned
 from thruster_envs.spacecraft import Sensors, Spacecraft, load
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.attitude_flight import fly_whole, shares_of_firings
-from thruster_envs.tasks.attitude_pilot import AttitudePilot, turned
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.tasks.formation_attitude import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT
 from thruster_envs.threads import run_shared
@@ -268,8 +268,9 @@ def fly_missions(
             rows[which] = fleet.fault_rows()
             fly_whole(
                 fleet.arrays, fleet.sensor_faults, fleet.sensors_fail, fleet.vehicle, aims[which], gains,
-                attitude[which], measured_attitude[which], rate[which], measured_rate[which], pulses[which],
-                thrust[which],
+                tuple(
+                    one[which] for one in (attitude, measured_attitude, rate, measured_rate, pulses, thrust)
+                ),
             )  # fmt: skip
 
     cores = threads if threads is not None else (os.cpu_count() or 1)

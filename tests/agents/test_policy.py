@@ -10,6 +10,8 @@ from thruster_agents.environments import make_plain, on_form
 from thruster_agents.policies import DiagnosisPolicy
 from thruster_agents.ppo import RegretReward
 from thruster_baselines.mapping import LPMapper
+from thruster_envs.observations import Reader
+from thruster_envs.spacecraft import load
 
 WHOLE = np.full((6, 12), 1.0)
 
@@ -22,6 +24,20 @@ def _policy(observation_size=66):
         for weights in policy.mlp_extractor.actor.parameters():  # away from its calm beginning
             weights.normal_(0.0, 0.5)
     return policy
+
+
+@pytest.mark.parametrize("spacecraft", ["orion", "spheres", "msr_chaser"])
+def test_it_looks_where_the_fields_of_the_task_are(spacecraft):
+    read = Reader.of("thruster_envs/ThrusterMapping-v0", spacecraft=spacecraft)
+    n = load(spacecraft).number_of_thrusters
+    policy = DiagnosisPolicy(
+        spaces.Box(-3.0, 3.0, (18 + 4 * n,)), spaces.Box(-1.0, 1.0, (n,)), lambda _: 1e-3, log_std_init=-1.0
+    )
+    networks = policy.mlp_extractor
+    assert networks.duties == read.columns("duties")
+    assert networks.measured == read.columns("measured_on_time")
+    assert networks.expected == read.columns("expected_on_time")
+    assert networks.belief.start == read.size
 
 
 def test_what_holds_for_one_thruster_holds_for_all():

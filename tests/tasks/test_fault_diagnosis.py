@@ -10,7 +10,7 @@ from thruster_envs.faults import KINDS, Fault, mode_of
 from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import FaultDiagnosis
-from thruster_envs.tasks.fault_diagnosis import FLIGHT
+from thruster_envs.tasks.fault_diagnosis import FLIGHT, Parameters
 
 ORION = load("orion")
 PERIOD = ORION.control_period
@@ -229,7 +229,7 @@ def test_slots_change_every_leg_and_fill_the_cube():
 
 def test_by_default_the_cube_suits_the_vehicle():
     """A third of 0.03 m/s on Orion, at 0.002 m/s asked for in a period for each m of distance."""
-    assert begin(FaultDiagnosis()).state.model.limits[2] == pytest.approx(5.0, rel=1e-12)
+    assert Parameters(*begin(FaultDiagnosis()).state.model.parameters).reach == pytest.approx(5.0, rel=1e-12)
     batch = begin(
         FaultDiagnosis(spacecraft="spheres", faults={"probability": 1.0, "kinds": ["stuck_off"]}), 100
     )

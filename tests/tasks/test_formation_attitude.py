@@ -8,9 +8,9 @@ from thruster_baselines.control import QuaternionTeam
 from thruster_envs.faults import Fault
 from thruster_envs.missions import attitude_of, fly_missions
 from thruster_envs.physics import rows as at
+from thruster_envs.pilots.attitude import AttitudePilot
 from thruster_envs.spacecraft import Sensors, load
 from thruster_envs.tasks import FormationAttitude
-from thruster_envs.tasks.attitude_pilot import AttitudePilot
 
 PPT = load("ppt_cubesat")
 TEAM = QuaternionTeam(PPT)

@@ -6,9 +6,9 @@ import pytest
 from tests.tasks.flying import begin
 from thruster_envs.faults import Fault
 from thruster_envs.physics import rows as at
+from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import FormationKeeping
-from thruster_envs.tasks.pilot import Pilot
 
 ORION = load("orion")
 N = ORION.mean_motion
@@ -165,7 +165,7 @@ def test_a_craft_that_is_lost_ends_the_episode():
 
 def test_the_pilots_map_gives_the_rate_change_that_it_is_asked_for():
     for vehicle in (ORION, load("spheres")):
-        pilot = Pilot.of(vehicle)
+        pilot = SlotPilot.of(vehicle)
         np.testing.assert_allclose(vehicle.effectiveness() @ pilot.inverse, np.eye(6), atol=1e-9)
         assert np.abs(vehicle.effectiveness() @ pilot.null).max() < 1e-12
         assert pilot.null.min() >= 0.0

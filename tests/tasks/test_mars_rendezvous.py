@@ -15,10 +15,10 @@ from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.physics import disturbances
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.pilots.approach import FACING, ApproachPilot
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 from thruster_envs.tasks import MarsRendezvous
-from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot
 from thruster_envs.views.worlds import Worlds
 
 CHASER = load("msr_chaser")
@@ -289,7 +289,7 @@ def test_a_chaser_without_a_spare_branch_has_valves_to_close_and_nothing_more():
     task = MarsRendezvous(inhibit=True, spacecraft=dataclasses.replace(CHASER, spare_branch=False))
     batch = begin(task, worlds=2)
     assert task.action_size == 16
-    assert [feature.name for feature in task.features][-1] == "whether each isolation valve is closed"
+    assert task.fields[-1].meaning == "whether each isolation valve is closed"
     actions = np.full((2, 1, 16), 1.0)
     actions[1, 0, 8 + 4] = -1.0
     for _ in range(5):
@@ -477,7 +477,7 @@ def test_a_retreat_is_safe_and_no_success():
 def test_rewards_are_what_they_are_said_to_be():
     batch = begin(MarsRendezvous(disturbances=False))
     place(batch, (0.3, -10.0, -0.4), (0.0, 0.1, 0.0), attitude=TILTED)
-    before = -batch.state.account[0, 6] * 20.0
+    before = -batch.state.episode.potential[0] * 20.0
     step = batch.step(np.full((1, 1, 8), -1.0))
     position = batch.fleet.read(0, 3)[0, 0]
     share = 0.1 / 200.0

@@ -58,12 +58,12 @@ def test_it_ends_after_half_an_orbit():
 def test_progress_telescopes():
     batch = begin(OrionRendezvous(faults=[Fault(2, "leak", severity=0.3)]), worlds=3)
     generator = np.random.default_rng(0)
-    start, total = batch.state.account[:, 0].copy(), np.zeros(3)
+    start, total = batch.state.episode.potential.copy(), np.zeros(3)
     for _ in range(60):
         duties = 0.03 * generator.random((3, 12)) * (generator.random((3, 12)) < 0.1)
         step = batch.step(actions(duties))
         total += step.reward_terms[:, 0, 1]
-    np.testing.assert_allclose(total, batch.state.account[:, 0] - start, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(total, batch.state.episode.potential - start, rtol=0.0, atol=1e-12)
     assert np.abs(total).min() > 1e-4
 
 
@@ -75,7 +75,7 @@ def test_the_potential_is_minus_the_delta_v_to_go_over_that_of_the_mission():
     position, velocity = batch.fleet.read(0, 3)[0, 0], batch.fleet.read(3, 3)[0, 0]
     expected = delta_v_to_go(tuple(position), tuple(velocity), (571 - 100) * 5.0, N)
     # The attitude stays upright within rounding, so that nothing is to be paid for it.
-    assert batch.state.account[0, 0] == pytest.approx(-expected / reference, rel=1e-9)
+    assert batch.state.episode.potential[0] == pytest.approx(-expected / reference, rel=1e-9)
 
 
 def test_fuel_is_the_open_time_at_its_worth_in_delta_v():

@@ -134,7 +134,7 @@ def test_rewards_delays_and_scores_are_those_of_the_page():
 @pytest.mark.parametrize("kind", DISCHARGE_KINDS)
 def test_without_noise_one_sees_the_pulse_that_the_solver_gives(kind):
     batch = begin(PulseDiagnosis(faults=[Fault(1, kind, severity=SMALL[kind])], **QUIET), worlds=20)
-    mass, width, added, charge, ratio = batch.state.pulse.T
+    mass, width, added, charge, ratio = batch.state.truth
     given = {
         "slug_mass": DISCHARGE.slug_mass * mass,
         "electrode_width": DISCHARGE.electrode_width * width,
@@ -155,8 +155,8 @@ def test_without_noise_one_sees_the_pulse_that_the_solver_gives(kind):
 def test_noise_and_charge_have_their_stated_size():
     batch = begin(PulseDiagnosis(faults=[], observe_thrust=True), worlds=4000)
     quiet = begin(PulseDiagnosis(faults=[], observe_thrust=True, **QUIET), worlds=4000)
-    charge = batch.state.pulse[:, 3]
-    assert np.array_equal(charge, quiet.state.pulse[:, 3])
+    charge = batch.state.truth.charge
+    assert np.array_equal(charge, quiet.state.truth.charge)
     assert 0.98 <= charge.min() < 0.9801
     assert 1.0199 < charge.max() <= 1.02
     assert charge.std() == pytest.approx(0.02 / np.sqrt(3.0), rel=0.05)
@@ -176,7 +176,7 @@ def test_a_lighter_slug_and_narrower_electrodes_of_one_kick_give_the_same_pulse(
         PulseDiagnosis(faults=[Fault(1, "electrode_sediment", severity=1.0 - np.sqrt(0.5))]), worlds=5
     )
     np.testing.assert_allclose(light.observe()[..., :128], narrow.observe()[..., :128], atol=1e-6)
-    np.testing.assert_allclose(narrow.state.pulse[:, 4], np.sqrt(2.0) * light.state.pulse[:, 4], rtol=1e-12)
+    np.testing.assert_allclose(narrow.state.truth.ratio, np.sqrt(2.0) * light.state.truth.ratio, rtol=1e-12)
     assert not right_now(light).any()
     assert (right_now(narrow) == 2).all()
 

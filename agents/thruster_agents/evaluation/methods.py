@@ -24,6 +24,7 @@ from thruster_agents.environments import Form, on_form
 from thruster_agents.evaluation.play import HEALTHY, SCENARIOS, Method, play
 from thruster_baselines.detection import ResponseTest, threshold_for
 from thruster_baselines.mapping import CrudeMapper, LPMapper, MinimumNormShiftMapper
+from thruster_envs.observations import Reader
 from thruster_envs.protocols import Mapper
 from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import Spacecraft
@@ -106,6 +107,7 @@ class Tested(_OnDuties):
     def __init__(self, mapper: LPMapper, spacecraft: Spacecraft, threshold: float) -> None:
         self.mapper, self.spacecraft = mapper, spacecraft
         self.test = ResponseTest(spacecraft, threshold)
+        self.read = Reader.of("thruster_envs/ThrusterMapping-v0", spacecraft=spacecraft)
         self.statistics: list[NDArray[np.float64]] = []
 
     @classmethod
@@ -124,10 +126,9 @@ class Tested(_OnDuties):
 
     @override
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        n, authority = self.spacecraft.number_of_thrusters, self.spacecraft.authority()
-        on_times = self.period * observations[:, 6 : 6 + n].astype(np.float64)
-        measured, expected = observations[:, 6 + n : 12 + n], observations[:, 12 + n : 18 + n]
-        health = self.test.update(on_times, authority * (measured.astype(np.float64) - expected))
+        reading, authority = self.read(observations), self.read.scale("measured_change")
+        missed = reading.entries("measured_change") - reading.entries("expected_change")
+        health = self.test.update(self.period * reading.duties, authority * missed)
         self.statistics.append(self.test.statistic)
         believed = self.mapper.effectiveness * health[:, np.newaxis, :]
         return self.actions(self.mapper(self.command, effectiveness=believed).on_times)

@@ -83,6 +83,11 @@ class _Networks(nn.Module):
                 f"ThrusterMapping-v0 with {thrusters} thrusters under BeliefAction, would be right"
             )
         self.thrusters, self.log_std = thrusters, log_std
+        # Columns of the fields of ThrusterMapping-v0, and of the belief that BeliefAction adds.
+        self.duties = slice(6, 6 + thrusters)
+        self.measured = slice(18 + thrusters, 18 + 2 * thrusters)
+        self.expected = slice(18 + 2 * thrusters, 18 + 3 * thrusters)
+        self.belief = slice(18 + 3 * thrusters, None)
         self.latent_dim_pi, self.latent_dim_vf = 2 * thrusters, value_hidden
         self.actor = nn.Sequential(
             nn.Linear(_FEATURES, hidden),
@@ -122,13 +127,12 @@ class _Networks(nn.Module):
 
     def _missing(self, observations: torch.Tensor) -> torch.Tensor:
         """(batch, n), expected minus measured rate change, projected on each thruster, in periods."""
-        n = self.thrusters
-        return observations[:, 18 + 2 * n : 18 + 3 * n] - observations[:, 18 + n : 18 + 2 * n]
+        return observations[:, self.expected] - observations[:, self.measured]
 
     def _features(self, observations: torch.Tensor) -> torch.Tensor:
         """(batch, n, 7), what is known of each thruster; the first is the last belief as an action."""
         n = self.thrusters
-        belief, duty = 2.0 * observations[:, 18 + 3 * n :] - 1.0, observations[:, 6 : 6 + n]
+        belief, duty = 2.0 * observations[:, self.belief] - 1.0, observations[:, self.duties]
         missing = self._missing(observations)
         largest = missing.abs().amax(dim=1, keepdim=True)
         lost_share = (missing / (duty + 0.005)).clamp(-1.5, 1.5)

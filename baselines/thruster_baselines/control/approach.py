@@ -13,46 +13,21 @@ reference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.control.quaternions import product, rotation_matrix
+from thruster_envs.observations import Reader
+from thruster_envs.pilots import FACING, ApproachSettings
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["ApproachController", "ApproachSettings"]
 
-_NEAR, _VELOCITY, _ANGLE, _RATE, _BOUND = 1.0, 0.1, 0.1, 0.02, 5.0  # what 1 stands for; where it is clipped
-_TIME, _TOLD = 15, 16  # time to go; the last open rates
 #: Turns LVLH components into those of the approach: x to the target, y against the normal, z to the planet.
 AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 #: Turns an attitude against that of the approach (rows, 4) into one from LVLH.
-_FROM_LVLH = np.array([product(unit, np.array([0.5, 0.5, 0.5, -0.5])) for unit in np.eye(4)])
-
-
-@dataclass(frozen=True, kw_only=True)
-class ApproachSettings:
-    """How the approach is flown.
-
-    Attributes:
-        speed: Along-track, m/s.
-        contact_speed: At the target, m/s.
-        braking: Deceleration in between, m/s^2.
-        translation: Natural frequency of the position loop, rad/s.
-        rotation: Natural frequency of the attitude loop, rad/s.
-        damping: Of both.
-        idle: Open rate of a thruster that is not needed.
-    """
-
-    speed: float = 0.1
-    contact_speed: float = 0.05
-    braking: float = 2e-3
-    translation: float = 0.2
-    rotation: float = 0.5
-    damping: float = 0.9
-    idle: float = 0.1
+_FROM_LVLH = np.array([product(unit, np.array(FACING)) for unit in np.eye(4)])
 
 
 class ApproachController:
@@ -64,6 +39,9 @@ class ApproachController:
         distance: At the start, m, as the environment has it.
         navigation_delay: Age of an observation, periods, as the environment has it.
         settings: How to fly.
+
+    Attributes:
+        reader: Of the observations.
     """
 
     def __init__(
@@ -78,6 +56,7 @@ class ApproachController:
         spacecraft.circular_mean_motion("the approach controller")
         self.spacecraft, self.steps, self.distance = spacecraft, steps, distance
         self.navigation_delay = navigation_delay
+        self.reader = Reader.of("thruster_envs/MarsRendezvous-v0", spacecraft=spacecraft, distance=distance)
         self.settings = ApproachSettings() if settings is None else settings
         self.inverse: FloatArray = np.asarray(np.linalg.pinv(spacecraft.wrenches()), np.float64)
         self._inertia = np.array(spacecraft.inertia)
@@ -113,7 +92,7 @@ class ApproachController:
         """(rows, 3) to ask for, m/s^2, LVLH; arguments as of `wrench`, for observations (rows, m)."""
         law, n = self.settings, self.spacecraft.mean_motion
         a = law.translation
-        position, velocity = self.position(rows), _VELOCITY * rows[:, 6:9]
+        position, velocity = self.position(rows), self.reader(rows).velocity
         if reference is None:
             age = self.navigation_delay
             period = self.spacecraft.control_period
@@ -129,7 +108,8 @@ class ApproachController:
     def wrench_for(self, rows: FloatArray, acceleration: FloatArray) -> FloatArray:
         """(rows, 6), N and N m, body axes: for an acceleration (rows, 3), LVLH, and the attitude law."""
         law, z = self.settings, self.settings.rotation
-        angle, spin = _ANGLE * rows[:, 9:12], _RATE * rows[:, 12:15]
+        reading = self.reader(rows)
+        angle, spin = reading.attitude_error, reading.rate_error
         result = np.empty((rows.shape[0], 6))
         for row in range(rows.shape[0]):
             # The observed attitude error is minus twice the vector part of the quaternion.
@@ -141,30 +121,31 @@ class ApproachController:
 
     def position(self, rows: FloatArray) -> FloatArray:
         """(rows, 3) measured relative position, m, LVLH, of observations (rows, m)."""
-        near = np.abs(rows[:, 3:6]) < _BOUND
-        return np.where(near, _NEAR * rows[:, 3:6], self.distance * rows[:, :3])
+        reading = self.reader(rows)
+        return np.where(reading.within("near_position"), reading.near_position, reading.position)
 
     def attitude(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured attitude (rows, 4), body from LVLH, and inertial body rate (rows, 3), rad/s, body axes.
 
         Of observations (rows, m) whose attitude and rate are not at the end of their range.
         """
-        vector = -0.5 * _ANGLE * rows[:, 9:12]
+        reading = self.reader(rows)
+        vector = -0.5 * reading.attitude_error
         scalar = np.sqrt(np.maximum(0.0, 1.0 - (vector**2).sum(axis=1, keepdims=True)))
         # Added term by term: a product of matrices would round a row by how many rows there are.
         q: FloatArray = (np.hstack([scalar, vector])[:, :, np.newaxis] * _FROM_LVLH).sum(axis=1)
         w, x, y, z = q.T
         normal = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
-        return q, _RATE * rows[:, 12:15] + self.spacecraft.mean_motion * normal
+        return q, reading.rate_error + self.spacecraft.mean_motion * normal
 
     def open_rates_told(self, rows: FloatArray) -> FloatArray:
         """(rows, n) commanded for the last period, 0 to 1, of observations (rows, m)."""
-        n = self.spacecraft.number_of_thrusters
-        return np.asarray(np.clip(rows[:, _TOLD : _TOLD + n], 0.0, 1.0))
+        return np.asarray(np.clip(self.reader(rows).duties, 0.0, 1.0))
 
     def elapsed(self, rows: FloatArray) -> FloatArray:
         """(rows,) control periods since the start of the episode, of observations (rows, m)."""
-        return np.asarray(np.round((1.0 - rows[:, _TIME]) * self.steps), np.float64)
+        left = self.reader(rows).entries("time_to_go")[:, 0]
+        return np.asarray(np.round((1.0 - left) * self.steps), np.float64)
 
     def reference(self, time: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Along-track position, velocity and acceleration of the reference at times (...), m, m/s, m/s^2."""

@@ -52,12 +52,12 @@ from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBe
 from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing
 from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
+from thruster_envs.observations import Reader
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["ChaserDecision", "ChaserPilot", "RecoverySettings"]
 
-_ANGLE, _RATE, _VELOCITY, _BOUND = 0.1, 0.02, 0.1, 5.0  # what 1 of an observation stands for; where it ends
 _ALPHA, _BETA = 0.3, 0.05  # of the filter of the observed velocity
 _OPENED = "stuck_on"  # what a detector that cannot identify looks for
 
@@ -195,6 +195,7 @@ class ChaserPilot:
         self.controller = ApproachController(
             spacecraft, steps, distance=distance, navigation_delay=navigation_delay, settings=approach
         )
+        self._reader = self.controller.reader
         self.detector = detector
         self.recovery = RecoverySettings() if recovery is None else recovery
         self.log: list[ChaserDecision] = []
@@ -273,7 +274,7 @@ class ChaserPilot:
             self.reset(again)
         self._elapsed = elapsed
         self._see_through(rows)
-        position, velocity = self.controller.position(rows), _VELOCITY * rows[:, 6:9]
+        position, velocity = self.controller.position(rows), self._reader(rows).velocity
         for vehicle, reason in self._due.items():
             if self._spare:
                 self._go_over(vehicle, reason)
@@ -340,7 +341,7 @@ class ChaserPilot:
         ahead = place + period * (speed + 0.5 * change)
         self._unseen[:, :3] = (1.0 - _ALPHA) * ahead
         self._unseen[:, 3:] += change - _BETA / period * ahead
-        rows[:, 6:9] += self._unseen[:, 3:] / _VELOCITY
+        rows[:, self._reader.columns("velocity")] += self._unseen[:, 3:] / self._reader.scale("velocity")
 
     def _make_do(self, wanted: FloatArray, velocity: FloatArray) -> FloatArray:
         """(vehicles, 3) accelerations, m/s^2, LVLH, of who has lost authority; `wanted` for all others.
@@ -367,7 +368,8 @@ class ChaserPilot:
         early = self._elapsed < self.controller.navigation_delay - 1  # what is seen is the start, again
         attitude, rate = self.controller.attitude(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
-        valid = (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1) & ~self._fresh
+        inside = self._reader(rows).within("velocity", "attitude_error", "rate_error").all(axis=1)
+        valid = inside & ~self._fresh
         told = np.where(self._fresh[:, np.newaxis], 0.0, self._expected.delivered(self._commands[0]))
         self._fresh &= early
         diagnosis = detector.update(told, position, attitude, rate, valid=valid)
@@ -435,7 +437,8 @@ class ChaserPilot:
         assert self._probing is not None
         law = self._probing.settings
         since = np.where(self._asked == thruster, self._period * self._elapsed - self._asked_at, 0.0)
-        urgent = (-position[:, 1] < self._hurry) | self._is_aside(position, law) | _is_turned(rows, law)
+        urgent = (-position[:, 1] < self._hurry) | self._is_aside(position, law)
+        urgent |= _is_turned(self._reader, rows, law)
         shown = (lead >= law.margin) & (since >= law.least_wait - 1e-6)
         return np.asarray(shown | urgent | (since >= law.longest_wait - 1e-6))
 
@@ -613,7 +616,7 @@ class ChaserPilot:
         missing = (
             (np.hypot(position[:, 0], position[:, 2]) > law.offset)
             | (np.hypot(velocity[:, 0], velocity[:, 2]) > law.lateral_speed)
-            | _is_turned(rows, law)
+            | _is_turned(self._reader, rows, law)
         )
         urgent = (self._reviews < 0) | (ahead < 2.0 * law.commitment)
         lost = self._limited & urgent & (ahead > law.commitment)
@@ -650,7 +653,10 @@ class ChaserPilot:
         self.log.append(ChaserDecision(vehicle, time, what, thruster, reason, severity))
 
 
-def _is_turned(rows: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
+def _is_turned(reader: Reader, rows: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
     """(vehicles,) whether observations show a larger angle or body rate than is allowed."""
-    angle, spin = np.linalg.norm(rows[:, 9:12], axis=1), np.linalg.norm(rows[:, 12:15], axis=1)
-    return np.asarray((_ANGLE * angle > law.angle) | (_RATE * spin > law.spin))
+    angle, spin = (
+        reader.scale(name) * np.linalg.norm(reader(rows).entries(name), axis=1)
+        for name in ("attitude_error", "rate_error")
+    )
+    return np.asarray((angle > law.angle) | (spin > law.spin))

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from thruster_baselines.control.approach import ApproachController
 from thruster_envs.construction import rebuilt, record_of
+from thruster_envs.observations import Reader
 from thruster_envs.protocols import BoolArray, FloatArray, NavigationDetector, ResidualDetector
 
 __all__ = ["DiagnosisObservation", "VectorDiagnosisObservation"]
 
 _BOUND = 5.0
-_AFTER = 28  # entries of an observation beside them and before the isolation valves
 _MEMORY = "detector/"
 """What the names of a detector's memory begin with in a saved state."""
 
@@ -61,7 +61,8 @@ class _Watch:
                 f"the detector is for {known} thrusters; {vehicle.number_of_thrusters} would be right"
             )
         self.n, self.delay, self.detector = vehicle.number_of_thrusters, task.navigation_delay, detector
-        self.reader = ApproachController(vehicle, task.steps, distance=task.distance)
+        self.controller = ApproachController(vehicle, task.steps, distance=task.distance)
+        self.reader = Reader.of(env)
         self.valves, self.spare = bool(task.inhibit), bool(task.inhibit and vehicle.spare_branch)
         self.minimum = np.array([one.minimum_pulse for one in vehicle.thrusters]) / vehicle.control_period
         self.residual = detector if isinstance(detector, ResidualDetector) else None
@@ -82,30 +83,32 @@ class _Watch:
 
     def look(self, observations: Floats) -> None:
         """Let the detector see one more sample of every world, but for those that begin."""
-        rows, n = observations.astype(np.float64), self.n
-        elapsed = self.reader.elapsed(rows)
+        rows = observations.astype(np.float64)
+        reading = self.reader(rows)
+        elapsed = self.controller.elapsed(rows)
         begins = elapsed == 0.0
-        over = elapsed == self.reader.steps
+        over = elapsed == self.controller.steps
         if ((elapsed != self.elapsed + 1.0) & ~begins & ~over).any():
             raise RuntimeError(
                 "control periods went by unseen by the detector; HoldAction around the wrapper with the "
                 "detector would be right"
             )
-        rates = self.reader.open_rates_told(rows)
+        rates = self.controller.open_rates_told(rows)
         shut = rates < self.minimum
         if self.valves:
-            shut |= rows[:, _AFTER + n : _AFTER + 2 * n] > 0.0
+            shut |= reading.closed > 0.0
         self.commands.append(np.where(shut, 0.0, rates))
         if self.spare:
-            branch = rows[:, _AFTER + 2 * n] > 0.0
+            branch = reading.branch[:, 0] > 0.0
             if (branch != self.branch).any():
                 self.detector.reset(branch != self.branch)
             self.branch = branch
         self.elapsed = elapsed
-        attitude, rate = self.reader.attitude(rows)
-        valid = (elapsed >= self.delay) & (np.abs(rows[:, 6:15]) < _BOUND).all(axis=1)
+        attitude, rate = self.controller.attitude(rows)
+        inside = reading.within("velocity", "attitude_error", "rate_error").all(axis=1)
+        valid = (elapsed >= self.delay) & inside
         self.statistic = self.detector.update(
-            self.commands[0], self.reader.position(rows), attitude, rate, valid=valid
+            self.commands[0], self.controller.position(rows), attitude, rate, valid=valid
         ).statistic
         self.begin(begins)
 

@@ -15,17 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.control.quaternions import rotation_matrix
+from thruster_envs.observations import Reader, Reading
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["Measured", "ObservationReader"]
 
-_POSITION, _VELOCITY, _ANGLE, _RATE = 300.0, 0.5, 0.5, 0.05  # what 1 stands for: m, m/s, rad, rad/s
-_BOUND = 5.0  # where entries are clipped
-_TIME = 12  # time to go
-_LAST_DUTIES = 13  # first of n, and after them the measured rate change
+_MOTION = ("position", "velocity", "attitude_error", "rate_error")
 _ROUNDING = 1e-6  # periods
-_UNITS = np.repeat([_POSITION, _VELOCITY, _ANGLE, _RATE], 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +56,7 @@ class ObservationReader:
 
     def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
         self._spacecraft, self._steps = spacecraft, steps
-        self._authority = spacecraft.authority()
+        self._fields = Reader.of("thruster_envs/OrionRendezvous-v0", spacecraft=spacecraft)
         self.step = 0
         self.fault = ""
         self._last: FloatArray = np.full(13, np.nan)
@@ -71,8 +68,9 @@ class ObservationReader:
         Raises:
             ValueError: An observation that is too short.
         """
-        seen = self._checked(observation)
-        return bool(seen[_TIME] == 1.0) and not np.array_equal(seen[:13], self._last)
+        reading = self._checked(observation)
+        (left,) = reading.entries("time_to_go")
+        return bool(left == 1.0) and not np.array_equal(reading.entries(*_MOTION, "time_to_go"), self._last)
 
     def read(self, observation: ArrayLike) -> Measured | None:
         """The measurement of the next period, or None if it cannot be used.
@@ -81,54 +79,58 @@ class ObservationReader:
             ValueError: An observation that is too short; a second one whose time is that of an episode of
                 other length.
         """
-        seen, n = self._checked(observation), self._spacecraft.number_of_thrusters
-        begins = self.begins(seen)
+        reading = self._checked(observation)
+        seen, (left,) = reading.entries(*_MOTION, "time_to_go"), reading.entries("time_to_go")
+        begins = self.begins(reading.rows)
         due = 0 if begins else self.step + 1
-        told = round((1.0 - seen[_TIME]) * self._steps) if 0.0 <= seen[_TIME] <= 1.0 else None
+        told = round((1.0 - left) * self._steps) if 0.0 <= left <= 1.0 else None
         if due == 1:
-            self._check_length(seen)
-        late = (told is not None and told < due) or np.array_equal(seen[:13], self._last)
+            self._check_length(reading)
+        late = (told is not None and told < due) or np.array_equal(seen, self._last)
         self.step = due
-        self._last = seen[:13].copy()
+        self._last = seen
         before, self._rate = (None if begins else self._rate), None
         if late:
             return self._refuse("late")
-        if not np.isfinite(seen[:13]).all():
+        if not np.isfinite(seen).all():
             return self._refuse("missing")
         if told != due:
             return self._refuse("out of range")
-        entries = seen[:12] * _UNITS
-        clipped = np.abs(seen[:12]) >= _BOUND
-        change = seen[_LAST_DUTIES + n :][3:6] * self._authority[3:]
-        outside = clipped[:9].any() or float(seen[6:9] @ seen[6:9]) > (2.0 / _ANGLE) ** 2 * 1.01
-        if clipped[9:].any():
-            if before is None or not (np.isfinite(change).all() and (np.abs(change) < _BOUND).all()):
+        angle, rate, change = reading.attitude_error, reading.rate_error, reading.measured_change[3:]
+        clipped = ~reading.within("rate_error")
+        turned = reading.entries("attitude_error")
+        outside = not reading.within("position", "velocity", "attitude_error").all() or (
+            float(turned @ turned) > (2.0 / self._fields.scale("attitude_error")) ** 2 * 1.01
+        )
+        if clipped.any():
+            bound = self._fields.field("measured_change").bound
+            if before is None or not (np.isfinite(change).all() and (np.abs(change) < bound).all()):
                 outside = True
             else:
-                entries[9:] = np.where(clipped[9:], before + change, entries[9:])
+                rate = np.where(clipped, before + change, rate)
         if outside:
             return self._refuse("out of range")
-        self.fault, self._rate = "", entries[9:]
+        self.fault, self._rate = "", rate
         # The observed attitude error is minus twice the vector part of the quaternion.
-        vector = -0.5 * entries[6:9]
+        vector = -0.5 * angle
         attitude = np.concatenate([[np.sqrt(max(0.0, 1.0 - float(vector @ vector)))], vector])
         attitude /= np.linalg.norm(attitude)
         orbit_rate = rotation_matrix(attitude) @ [0.0, 0.0, self._spacecraft.mean_motion]
-        return Measured(entries[:3], entries[3:6], attitude, entries[9:] + orbit_rate)
+        return Measured(reading.position, reading.velocity, attitude, rate + orbit_rate)
 
-    def _checked(self, observation: ArrayLike) -> FloatArray:
+    def _checked(self, observation: ArrayLike) -> Reading:
         seen = np.asarray(observation, dtype=np.float64)
-        size = _LAST_DUTIES + self._spacecraft.number_of_thrusters + 12
+        size = self._fields.columns("expected_change").stop
         if seen.ndim != 1 or seen.size < size:
             raise ValueError(f"observation has the shape {seen.shape}; ({size},) or more would be right")
-        return seen
+        return self._fields(seen)
 
-    def _check_length(self, second: FloatArray) -> None:
+    def _check_length(self, second: Reading) -> None:
         """With another length than the episode's, all of its measurements would be taken for late ones."""
-        elapsed = 1.0 - second[_TIME]
+        elapsed = 1.0 - second.entries("time_to_go")[0]
         periods = elapsed * self._steps
         wrong = min(abs(periods), abs(periods - 1.0)) > self._steps * np.finfo(np.float32).eps + _ROUNDING
-        if wrong and 0.0 < elapsed < 1.0 and (np.abs(second[:12]) < _BOUND).all():
+        if wrong and 0.0 < elapsed < 1.0 and second.within(*_MOTION).all():
             raise ValueError(
                 f"steps is {self._steps}; {round(1.0 / elapsed)}, as the time to go of the second "
                 "observation has it (`task.steps` of the unwrapped environment), would be right"

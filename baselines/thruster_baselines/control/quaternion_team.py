@@ -15,14 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_envs.observations import Reader
+from thruster_envs.pilots import AttitudePilot
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["QuaternionTeam"]
-
-_RATE_UNIT = 1e-3  # rad/s, what 1 stands for in an observation
-_RATE = 7  # first of the three rates; an error quaternion comes first
-_OUTSIDE = np.sin(math.radians(25.0))  # a torque that leans further from an axis does not turn about it
 
 
 class QuaternionTeam:
@@ -61,28 +59,20 @@ class QuaternionTeam:
     ) -> None:
         if action not in ("pulses", "duties"):
             raise ValueError(f"action is {action!r}; 'pulses' or 'duties' would be right")
-        torques = spacecraft.wrenches()[3:]
-        size = np.linalg.norm(torques, axis=0)
-        along = np.where(np.abs(torques) >= math.sqrt(1.0 - _OUTSIDE**2) * size, torques, 0.0)
-        if not ((along.max(axis=1) > 0.0) & (along.min(axis=1) < 0.0)).all():
-            raise ValueError(
-                f"{spacecraft.name!r} cannot be turned both ways about every axis; "
-                "a thruster for each would be right"
-            )
-        self._thrusters = np.stack([along.argmax(axis=1), along.argmin(axis=1)])
+        self._pilot = AttitudePilot.of(
+            spacecraft, largest_angle=largest_angle, rate_factor=rate_factor, dead_band=dead_band
+        )
+        gains = self._pilot.gains
         self._number, self._action = spacecraft.number_of_thrusters, action
-        torque = np.minimum(along.max(axis=1), -along.min(axis=1))
-        fastest = np.sqrt(2.0 * torque * largest_angle / np.diag(np.array(spacecraft.inertia)))
-        self.rate_gain: FloatArray = rate_factor * torque / fastest
-        self.angle_gain: FloatArray = torque / largest_angle
-        self.threshold: FloatArray = torque / dead_band
+        self.rate_gain: FloatArray = gains.rate
+        self.angle_gain: FloatArray = gains.angle
+        self.threshold: FloatArray = gains.dead_band
+        self._read = Reader.of("thruster_envs/FormationAttitude-v0", spacecraft=spacecraft, action=action)
 
     def torque(self, observations: ArrayLike) -> FloatArray:
         """(..., 3), N m: what the law asks for, dead band aside; observations are (..., k)."""
-        seen = np.asarray(observations, dtype=np.float64)
-        rate = _RATE_UNIT * seen[..., _RATE : _RATE + 3]
-        # Body from target: its vector part is that of the source's error quaternion, turned round.
-        return np.asarray(2.0 * self.angle_gain * seen[..., 1:4] - self.rate_gain * rate)
+        reading = self._read(observations)
+        return self._pilot.torque(-2.0 * reading.attitude[..., 1:], reading.rate)
 
     def __call__(self, observations: ArrayLike) -> NDArray[Any]:
         """Actions for observations (..., k): (..., 3) options, or (..., n) shares of a pulse, -1 to 1."""
@@ -94,5 +84,5 @@ class QuaternionTeam:
         for axis in range(3):
             for side, sign in enumerate((1.0, -1.0)):
                 fires = outside[..., axis] & (sign * torque[..., axis] > 0.0)
-                duties[..., self._thrusters[side, axis]][fires] = 1.0
+                duties[..., self._pilot.gains.thrusters[axis, side]][fires] = 1.0
         return duties

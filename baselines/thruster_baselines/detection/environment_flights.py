@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from thruster_baselines.detection.flights import Flights, faults_of, joined, one_fault_each, truth_of
 from thruster_envs.faults import FaultDistribution
+from thruster_envs.observations import Reader
 from thruster_envs.protocols import FloatArray
 from thruster_envs.rollout import fly
 from thruster_envs.spacecraft import Spacecraft
@@ -47,8 +48,7 @@ class ObservedFiring:
     def __init__(self, environment: Any) -> None:
         self.spacecraft: Spacecraft = _task_of(environment).vehicle
         self.duration: float = self.spacecraft.control_period
-        self._duties, self._change = places(environment, "last duties", "last measured rate change")
-        self._authority = self.spacecraft.authority()
+        self._read = reader_with(environment, "duties", "measured_change")
 
     def __call__(self, observations: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """On-times (worlds, n), s, and rate change (worlds, 6), m/s then rad/s, of the last period.
@@ -60,32 +60,29 @@ class ObservedFiring:
             ValueError: Observations of another shape.
         """
         seen = np.asarray(observations, dtype=np.float64)
-        if seen.ndim != 2 or seen.shape[1] < self._change.stop:
+        if seen.ndim != 2 or seen.shape[1] < self._read.columns("measured_change").stop:
             raise ValueError(
                 f"observations has the shape {seen.shape}; (worlds, size), a row for each world, would be "
                 "right"
             )
-        return seen[:, self._duties] * self.duration, seen[:, self._change] * self._authority
+        reading = self._read(seen)
+        return reading.duties * self.duration, reading.measured_change
 
 
-def places(environment: Any, *names: str) -> tuple[slice, ...]:
-    """Where entries of these names stand in the observation of an environment of this suite.
+def reader_with(environment: Any, *names: str) -> Reader:
+    """The reader of an environment of this suite, whose observation has fields of these names.
 
     Raises:
-        ValueError: One that has no such entry.
+        ValueError: An environment of which the observation has no such field.
     """
-    task = _task_of(environment)
-    found, first = {}, 0
-    for feature in task.features:
-        found[feature.name] = slice(first, first + feature.size)
-        first += feature.size
+    task, reader = _task_of(environment), Reader.of(environment)
     for name in names:
-        if name not in found:
+        if name not in reader:
             raise ValueError(
-                f"the observation of {type(task).__name__} has no {name!r}; an environment with the entries "
+                f"the observation of {type(task).__name__} has no {name!r}; an environment with the fields "
                 f"{', '.join(repr(one) for one in names)} would be right"
             )
-    return tuple(found[name] for name in names)
+    return reader
 
 
 def _task_of(environment: Any) -> Any:

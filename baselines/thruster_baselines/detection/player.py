@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.cusum import CUSUMDetector
-from thruster_baselines.detection.environment_flights import ObservedFiring, places
+from thruster_baselines.detection.environment_flights import ObservedFiring, reader_with
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
@@ -83,7 +83,7 @@ class DetectorPlayer:
         worlds: int | None = None,
     ) -> None:
         worlds = getattr(environment, "num_envs", 1) if worlds is None else worlds
-        self._time, *_ = places(environment, "time since the start", *_DECLARED)
+        self._reader = reader_with(environment, "time", *_DECLARED)
         self._entries = len(environment.unwrapped.task.choices)
         self._read = ObservedFiring(environment)
         spacecraft = self._read.spacecraft
@@ -109,7 +109,7 @@ class DetectorPlayer:
             ValueError: Observations of another shape.
         """
         on_times, rate_change = self._read(observations)
-        begins = observations[:, self._time.start] == 0.0
+        begins = self._reader(observations).time[:, 0] == 0.0
         diagnosis = self.detector.update(on_times, rate_change, self._read.duration, valid=~begins)
         self._alarmed |= diagnosis.detected
         self._add_up()
@@ -168,7 +168,8 @@ class PlayerDetector:
     """
 
     def __init__(self, environment: Any, player: Callable[[NDArray[np.float32]], Any], vehicles: int) -> None:
-        self._thrusters, self._modes = places(environment, *_DECLARED)
+        reader = reader_with(environment, *_DECLARED)
+        self._thrusters, self._modes = (reader.columns(name) for name in _DECLARED)
         self._player = player
         self.threshold = 0.5
         self.declared: IntArray = np.zeros((vehicles, 2), np.int64)
@@ -234,7 +235,7 @@ class PlayerDetector:
         raise NotImplementedError("a player of a task expects sound thrusters and cannot be told otherwise")
 
 
-_DECLARED = ("whether each thruster was declared last", "whether each mode was declared last")
+_DECLARED = ("declared_thruster", "declared_mode")
 
 _LEAST_EVIDENCE = math.log(20.0)
 

@@ -4,19 +4,20 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import place, turning_of_frame
 from thruster_envs.physics.attitude import exponential, rotate
+from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import RESET, philox, uniform_pair
 
-
-@njit(forceinline=True)
-def place(world, craft, number_of_craft, lanes):
-    """Block and lane of a craft."""
-    body = world * number_of_craft + craft
-    return body // lanes, body % lanes
+#: First rows of what the sensors said, 3, 3, 4 and 3 of them: m, m/s, body-from-LVLH, rad/s.
+MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_ATTITUDE, MEASURED_RATE = (
+    at.MEASURED + k for k in (0, 3, 6, 10)
+)
 
 
 @njit(forceinline=True)
@@ -29,6 +30,22 @@ def draw_start(streams, b, w, craft, uniform):
         )  # fmt: skip
         for k in range(4):
             uniform[8 * block + 2 * k], uniform[8 * block + 2 * k + 1] = uniform_pair(words[k])
+
+
+@kernel
+def _fill_starts(streams, which, uniform):
+    number_of_craft, lanes = uniform.shape[1], streams.shape[2]
+    for k in range(which.shape[0]):
+        for craft in range(number_of_craft):
+            b, w = place(which[k], craft, number_of_craft, lanes)
+            draw_start(streams, b, w, craft, uniform[k, craft])
+
+
+def start_numbers(fleet: Fleet, which: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Numbers from 0 to 1 for the start of episodes, functions of their seeds: (len(which), craft, count)."""
+    uniform = np.empty((len(which), fleet.craft, 8 * -(-count // 8)))
+    _fill_starts(fleet.streams, which, uniform)
+    return uniform[..., :count]
 
 
 @kernel
@@ -119,26 +136,6 @@ def true_model(data, faults, columns, wrenches, inverse_inertia, period, number_
                     effectiveness[world, craft, k, i] = share * column[k]
                     offset[world, craft, k] += closed * period * column[k]
     return effectiveness, offset
-
-
-@njit(forceinline=True)
-def attitude_error(q):
-    """Rotation left against LVLH (rad, body axes) if it is small: twice the vector part of ``q``."""
-    sign = 2.0 if q[0] >= 0.0 else -2.0
-    return (-sign * q[1], -sign * q[2], -sign * q[3])
-
-
-@njit(forceinline=True)
-def turning_of_frame(data, b, w):
-    """Rate at which LVLH of a craft turns now, rad/s, in its own axes."""
-    return (data[b, at.FRAME_RATE, w], 0.0, data[b, at.FRAME_RATE + 1, w])
-
-
-@njit(forceinline=True)
-def rate_error(q, rate, turning):
-    """Body rate against LVLH, rad/s in body axes; ``turning`` is that of the frame itself, in its axes."""
-    frame = rotate(q, turning)
-    return (rate[0] - frame[0], rate[1] - frame[1], rate[2] - frame[2])
 
 
 @njit(forceinline=True)

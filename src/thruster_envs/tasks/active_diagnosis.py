@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import MODES
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field, Reader
 from thruster_envs.physics import rows as at
-from thruster_envs.tasks.access import place
-from thruster_envs.tasks.contract import Feature, Observations, check_not_negative, check_positive
-from thruster_envs.tasks.fault_diagnosis import FLIGHT, FUEL, TESTED, DiagnosisState, FaultDiagnosis
+from thruster_envs.physics.access import place
+from thruster_envs.tasks.contract import Observations, check_not_negative, check_positive
+from thruster_envs.tasks.fault_diagnosis import FLIGHT, DiagnosisState, FaultDiagnosis, open_statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +61,9 @@ class ActiveDiagnosis(FaultDiagnosis):
         n = self.vehicle.number_of_thrusters
         return (n + 1, len(MODES), *(n * [1 + len(self.test_duties)]))
 
-    def further_features(self) -> tuple[Feature, ...]:
+    def further_fields(self) -> tuple[Field, ...]:
         """What is left of the budget."""
-        return (Feature("budget left", 1, 1.0, "budget", 0.0),)
+        return (Field("budget", "budget left", 1, "s", self.budget, reference="budget", lowest=0.0),)
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: tests may turn the craft."""
@@ -74,39 +75,39 @@ class ActiveDiagnosis(FaultDiagnosis):
         period, price = self.vehicle.control_period, self.fuel_cost / self.budget
         state.fleet.by_worlds(
             lambda first, last: _test(
-                state.fleet.data, actions, duties, period, self.budget, price, state.account, first, last
+                state.fleet.data, actions, duties, period, self.budget, price, state.statistics, first, last
             )
         )
 
     def observe(self, state: DiagnosisState) -> Observations:
         """(worlds, 1, observation_size)."""
         observations = super().observe(state)
-        observations[:, 0, self._budget_column] = 1.0 - state.account[:, TESTED] / self.budget
+        observations[:, 0, self._budget_column] = 1.0 - state.episode.tested / self.budget
         return observations
 
     @cached_property
     def _budget_column(self) -> int:
-        oracle = sum(feature.size for feature in self.oracle_features())
-        return self.observation_size - oracle - 1
+        return int(Reader(self.fields).columns("budget").start)
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, with the test pulses fired."""
         report = super().report(state)
-        report["diagnosis"]["tested"] = state.account[:, TESTED : TESTED + 1].copy()
+        report["diagnosis"]["tested"] = state.episode.tested[:, np.newaxis].copy()
         return report
 
 
 @kernel(nogil=True)
-def _test(data, actions, test_duties, period, budget, price, account, first, last):
+def _test(data, actions, test_duties, period, budget, price, statistics, first, last):
     """Add test pulses in the worlds from ``first`` to ``last`` (exclusive); no duty exceeds 1."""
+    episode = open_statistics(statistics)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
         fired = 0.0
         for i in range(actions.shape[2] - 2):
             duty, wanted = data[b, at.DUTIES + i, w], test_duties[actions[world, 0, 2 + i]]
-            left = max(0.0, budget - account[world, TESTED] - fired)
+            left = max(0.0, budget - episode.tested[world] - fired)
             pulse = min(period * wanted, period * (1.0 - duty), left)
             data[b, at.DUTIES + i, w] = min(duty + pulse / period, 1.0)
             fired += pulse
-        account[world, TESTED] = min(account[world, TESTED] + fired, budget)
-        account[world, FUEL] = -price * fired if fired > 0.0 else 0.0
+        episode.tested[world] = min(episode.tested[world] + fired, budget)
+        episode.fuel[world] = -price * fired if fired > 0.0 else 0.0

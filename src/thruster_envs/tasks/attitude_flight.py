@@ -2,23 +2,22 @@
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import place
 from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.period import fly_pulses, fly_pulses_singly
 from thruster_envs.physics.sensing import apply_sensor_faults
 from thruster_envs.physics.vehicle import open_vehicle
-from thruster_envs.tasks.access import place
-from thruster_envs.tasks.attitude_pilot import hold_attitudes, relative_motion
+from thruster_envs.pilots.attitude import hold_attitudes, relative_motion
 
 
 @kernel(nogil=True)
-def fly_whole(
-    arrays, sensor_faults, sensors_fail, parts, targets, gains,
-    attitude, measured_attitude, rate, measured_rate, pulses, thrust,
-):  # fmt: skip
+def fly_whole(arrays, sensor_faults, sensors_fail, parts, targets, gains, record):
     """Fly all worlds of a pulsed fleet from their start to their end under the law, and record them.
 
-    The arrays to be filled are those of :class:`thruster_envs.missions.Missions`.
+    ``record`` has the arrays to be filled, attitude, measured attitude, rate, measured rate, pulses and
+    thrust, as in :class:`thruster_envs.missions.Missions`.
     """
+    attitude, measured_attitude, rate, measured_rate, pulses, thrust = record
     worlds, steps, craft, n = thrust.shape
     data, vehicle = arrays[0], open_vehicle(parts)
     lanes, delivered, firing_time = data.shape[2], vehicle.rows.delivered, vehicle.pulses.firing_time

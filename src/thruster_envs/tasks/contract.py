@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
+from thruster_envs.observations import Field
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.physics.fleet import Fleet, check_flyable
 from thruster_envs.spacecraft import Spacecraft, load
 from thruster_envs.spacecraft.description import LARGEST
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 
 FloatArray = NDArray[np.float64]
 Observations = NDArray[np.float32]
@@ -30,30 +33,6 @@ Observations = NDArray[np.float32]
 
 #: Largest speed of a wheel that is observed, over that up to which its motor pushes.
 _OVERSPEED = 2.0
-
-
-@dataclass(frozen=True)
-class Feature:
-    """A group of neighbouring numbers of an observation.
-
-    Attributes:
-        name: What they are.
-        size: How many.
-        bound: Largest size of one of them; what is larger is clipped.
-        scale: What the physical quantity is divided by, in words.
-        lowest: Smallest value; None means minus ``bound``.
-    """
-
-    name: str
-    size: int
-    bound: float
-    scale: str
-    lowest: float | None = None
-
-    @property
-    def low(self) -> float:
-        """Smallest value of one number."""
-        return -self.bound if self.lowest is None else self.lowest
 
 
 class Outcome(NamedTuple):
@@ -130,6 +109,34 @@ def axis_scale(vehicle: Spacecraft) -> FloatArray:
     return np.where(authority > 0.0, authority, np.inf)
 
 
+def per_authority(vehicle: Spacecraft) -> dict[str, Any]:
+    """Unit and scale of a rate change in shares of the authority per axis, for a field of six entries."""
+    scale = tuple(vehicle.authority().tolist())
+    return {"unit": "m/s, rad/s", "scale": scale, "reference": "authority per axis"}
+
+
+def change_fields(vehicle: Spacecraft, bound: float) -> tuple[Field, Field]:
+    """Rate changes of the last period, as measured and as expected of the nominal vehicle."""
+    share = per_authority(vehicle)
+    return (
+        Field("measured_change", "last measured rate change", 6, bound=bound, **share),
+        Field("expected_change", "last expected rate change", 6, bound=bound, **share),
+    )
+
+
+def error_fields(angle: float, rate: float, bound: float) -> tuple[Field, Field]:
+    """Errors of attitude and body rate; an entry of 1 stands for ``angle`` rad and ``rate`` rad/s."""
+    return (
+        Field("attitude_error", "measured attitude error", 3, "rad", angle, bound=bound),
+        Field("rate_error", "measured rate error", 3, "rad/s", rate, bound=bound),
+    )
+
+
+def per_period(vehicle: Spacecraft) -> dict[str, Any]:
+    """Unit and scale of an on-time in control periods, for a field."""
+    return {"unit": "s", "scale": vehicle.control_period, "reference": "control period"}
+
+
 @dataclass
 class TaskState:
     """The arrays of a batch of worlds. Tasks add their own; every array has the world as its first axis."""
@@ -190,6 +197,8 @@ class Task(ABC):
     reward_terms: ClassVar[tuple[str, ...]]
     #: Steps after which the views cut an episode; None where the task itself ends it.
     max_episode_steps: ClassVar[int | None]
+    #: Fields that the views of one agent fix, so that one craft is commanded.
+    one_agent: ClassVar[dict[str, Any]] = {}
     #: Whether its craft move.
     flies: ClassVar[bool] = True
     #: Whether it takes vehicles with reaction wheels or control-moment gyros.
@@ -251,34 +260,48 @@ class Task(ABC):
         return len(self.vehicle.reaction_wheels) + len(self.vehicle.control_moment_gyros)
 
     @cached_property
-    def storage_features(self) -> tuple[Feature, ...]:
+    def storage_fields(self) -> tuple[Field, ...]:
         """What an agent observes of wheels and gyros, after all else; nothing of a vehicle without any."""
-        wheels, gyros = len(self.vehicle.reaction_wheels), len(self.vehicle.control_moment_gyros)
+        wheels, gyros = self.vehicle.reaction_wheels, self.vehicle.control_moment_gyros
+        speeds = tuple(wheel.max_speed for wheel in wheels)
         groups = (
-            Feature("measured speeds of the wheels", wheels, _OVERSPEED, "largest speed of each"),
-            Feature("cosines of the measured gimbal angles", gyros, 1.0, "1"),
-            Feature("sines of the measured gimbal angles", gyros, 1.0, "1"),
-        )
+            Field(
+                "wheel_speeds", "measured speeds of the wheels", len(wheels), "rad/s", speeds,
+                reference="largest speed of each", bound=_OVERSPEED,
+            ),
+            Field("gimbal_cosines", "cosines of the measured gimbal angles", len(gyros)),
+            Field("gimbal_sines", "sines of the measured gimbal angles", len(gyros)),
+        )  # fmt: skip
         return tuple(group for group in groups if group.size > 0)
 
     @cached_property
     @abstractmethod
-    def features(self) -> tuple[Feature, ...]:
-        """What one agent observes, in order."""
+    def fields(self) -> tuple[Field, ...]:
+        """What :meth:`observe` writes for one agent, in order."""
+
+    @property
+    def features(self) -> tuple[Field, ...]:
+        """The former name of :attr:`fields`."""
+        return self.fields
+
+    @cached_property
+    def observation_fields(self) -> tuple[Field, ...]:
+        """All that one agent observes, in order: the task's own fields, then those of wheels and gyros."""
+        return (*self.fields, *self.storage_fields)
 
     @cached_property
     def observation_size(self) -> int:
-        """Numbers in one agent's observation."""
-        return sum(feature.size for feature in self.features)
+        """Numbers that :meth:`observe` writes for one agent."""
+        return sum(field.size for field in self.fields)
 
-    def oracle_features(self) -> tuple[Feature, ...]:
+    def oracle_fields(self) -> tuple[Field, ...]:
         """The oracle view, where it was asked for."""
         if not self.observe_fault:
             return ()
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("true delivered share of each thruster's on-time", n, 1.0, "1"),
-            Feature("true opening of each thruster when closed", n, 1.0, "1"),
+            Field("true_share", "true delivered share of each thruster's on-time", n),
+            Field("true_opening", "true opening of each thruster when closed", n),
         )
 
     @cached_property
@@ -331,3 +354,12 @@ class Task(ABC):
     def report(self, state: Any) -> dict[str, dict[str, NDArray[Any]]]:  # noqa: ARG002  # most tasks have nothing
         """What else ``info`` shows: group to name to (worlds, agents), new arrays."""
         return {}
+
+    def picture(self, frame: Frame) -> Picture:
+        """What is to be seen of a world beside its craft: by default how far it is from the origin."""
+        place = frame.state.fleet.read(at.POSITION, 3)[frame.world, self.first_commanded]
+        return Picture(readouts=(distance(place, np.zeros(3)), *fuel_and_score(frame)))
+
+    def sample(self, state: Any, world: int, time: float) -> tuple[float, ...]:  # noqa: ARG002  # most tasks have nothing
+        """Numbers that a picture of a world wants of every step of its episode, at ``time`` in s."""
+        return ()

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,35 +24,43 @@ from thruster_envs.faults import MODES, Fault, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.modes import mode_number
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import (
+    attitude_error,
+    columns_of,
+    opener,
+    place,
+    rate_error,
+    turning_of_frame,
+)
 from thruster_envs.physics.fleet import Fleet
+from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.protocols import Sight
 from thruster_envs.random import COMMAND, philox, uniform_pair
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
     draw_start,
-    place,
-    rate_error,
-    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
     Task,
     TaskState,
     Truth,
+    change_fields,
     check_not_negative,
     check_positive,
     check_whole,
+    error_fields,
+    per_period,
 )
-from thruster_envs.tasks.pilot import Pilot
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 from thruster_envs.tasks.thruster_mapping import MappingModel
 
 #: Control periods of a flight.
@@ -67,50 +75,113 @@ _POSITION, _VELOCITY, _ANGLE, _RATE = 10.0, 0.2, 0.5, 0.2
 _DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
 #: Share of the credit for naming the thruster when the mode is wrong.
 _HALF_RIGHT = 0.5
-# Columns of the account of an episode. First what the last step was worth.
-_DELAY, _FALSE_ALARM, _WRONG_NAME, FUEL, _COST = range(5)
-# Steps without and with a fault, steps with a false alarm, sum of the credit, number of false alarms.
-_HEALTHY, _FAULTY, _FALSE_STEPS, _CREDIT, _ALARMS = range(5, 10)
-# Onset of the first fault that was seen to act, s, and seconds until it was noticed; -1 for not yet.
-_ONSET, _NOTICED = 10, 11
-# Of the last declaration: whether a fault acted, whether its thruster, and its thruster and mode were right.
-_UNDER_FAULT, _ISOLATED, _IDENTIFIED, _OVER = range(12, 16)
-# Thruster-seconds of test pulses since the reset.
-TESTED, _ACCOUNT = 16, 17
-# Entries of the limits.
-(
-    _PERIOD, _REACH, _LEG, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DELAY_COST,
-    _FALSE_ALARM_COST, _WRONG_NAME_COST, _WRONG_MODE_COST,
-) = range(10)  # fmt: skip
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        reach: Half-size of the cube in which slots are drawn, m.
+        leg: Control periods from one slot change to the next.
+        range_limit: Distance from the slot at which the flight is lost, m.
+        rate_limit: Body rate at which it is lost, rad/s.
+        rate_soft_limit: Body rate from which on there is a cost, rad/s.
+        delay_cost: Of a control period in which a fault is not noticed.
+        false_alarm_cost: Of one in which a fault is declared that is not there.
+        wrong_name_cost: Of one in which a healthy thruster is declared.
+        wrong_mode_cost: Of one in which the thruster is right and the mode is not.
+    """
+
+    period: float
+    reach: float
+    leg: float
+    range_limit: float
+    rate_limit: float
+    rate_soft_limit: float
+    delay_cost: float
+    false_alarm_cost: float
+    wrong_name_cost: float
+    wrong_mode_cost: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds,) each.
+
+    Attributes:
+        delay: Term of the reward of the last step, and the next three likewise.
+        false_alarm: Likewise.
+        wrong_name: Likewise.
+        fuel: Likewise, of test pulses.
+        cost: Of the last step.
+        healthy_steps: Steps without a fault.
+        faulty_steps: Steps with one.
+        false_steps: Steps with a false alarm.
+        credit: Sum of the credit for declarations.
+        alarms: Number of false alarms.
+        onset: Of the first fault that was seen to act, s; -1 for not yet.
+        noticed: Time from then until it was noticed, s; -1 for not yet.
+        under_fault: Whether a fault acted at the last declaration.
+        isolated: Whether its thruster was right.
+        identified: Whether its thruster and mode were right.
+        over: 1 where the flight is lost.
+        tested: Thruster-seconds of test pulses since the reset.
+    """
+
+    delay: FloatArray
+    false_alarm: FloatArray
+    wrong_name: FloatArray
+    fuel: FloatArray
+    cost: FloatArray
+    healthy_steps: FloatArray
+    faulty_steps: FloatArray
+    false_steps: FloatArray
+    credit: FloatArray
+    alarms: FloatArray
+    onset: FloatArray
+    noticed: FloatArray
+    under_fault: FloatArray
+    isolated: FloatArray
+    identified: FloatArray
+    over: FloatArray
+    tested: FloatArray
+
+
+open_parameters, open_statistics = opener(Parameters), opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class DiagnosisModel:
-    """The configuration in numbers.
+    """The configuration in arrays.
 
     Attributes:
         authority: (6,), m/s and rad/s per period, infinite where there is none.
         projection: (n, 6), turns a rate change into the on-time of one thruster that explains it best, in
             periods.
-        limits: (10,).
+        parameters: As :class:`Parameters` names them.
         pilot: The scripted one.
     """
 
     authority: FloatArray
     projection: FloatArray
-    limits: FloatArray
-    pilot: Pilot
+    parameters: FloatArray
+    pilot: SlotPilot
 
 
 @dataclass
 class DiagnosisState(TaskState):
-    """Arrays of a batch: slots, declarations and accounts."""
+    """Arrays of a batch."""
 
     model: DiagnosisModel
     slots: FloatArray  # (worlds, 1, 6), m and m/s, LVLH, now
     declared: NDArray[np.int64]  # (worlds, 2), the last declaration: thruster from 1 (0: none), mode
     standing: NDArray[np.int64]  # (worlds,), the thruster in it when the first fault was seen to act
-    account: FloatArray  # (worlds, 17)
+    statistics: FloatArray  # (worlds, 17), as Statistics names its columns
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,31 +233,38 @@ class FaultDiagnosis(Task):
         return (self.vehicle.number_of_thrusters + 1, len(MODES))
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
         return (
-            Feature("measured position relative to the slot", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time since the start", 1, 1.0, "length of the flight", 0.0),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature(
+            Field("position", "measured position relative to the slot", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time",
+                "time since the start",
+                1,
+                "s",
+                FLIGHT * self.vehicle.control_period,
+                reference="length of the flight",
+                lowest=0.0,
+            ),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "unexpected_on_time",
                 "measured less expected rate change, projected on each thruster",
                 n,
-                _BOUND,
-                "control period",
+                bound=_BOUND,
+                **per_period(self.vehicle),
             ),
-            Feature("whether each thruster was declared last", n, 1.0, "1", 0.0),
-            Feature("whether each mode was declared last", len(MODES), 1.0, "1", 0.0),
-            *self.further_features(),
-            *self.oracle_features(),
+            Field("declared_thruster", "whether each thruster was declared last", n, lowest=0.0),
+            Field("declared_mode", "whether each mode was declared last", len(MODES), lowest=0.0),
+            *self.further_fields(),
+            *self.oracle_fields(),
         )
 
-    def further_features(self) -> tuple[Feature, ...]:
+    def further_fields(self) -> tuple[Field, ...]:
         """What a variant of the task observes beyond that."""
         return ()
 
@@ -212,7 +290,7 @@ class FaultDiagnosis(Task):
         )  # fmt: skip
         return DiagnosisState(
             fleet, self._model(), np.zeros((worlds, 1, 6)), np.zeros((worlds, 2), np.int64),
-            np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),
+            np.zeros(worlds, np.int64), np.zeros((worlds, len(Statistics._fields))),
         )  # fmt: skip
 
     def _model(self) -> DiagnosisModel:
@@ -221,14 +299,20 @@ class FaultDiagnosis(Task):
         frequencies = TRANSLATION / period, ROTATION / period
         pull = frequencies[0] ** 2 * period  # m/s that the pilot asks for in a period, for each m of distance
         reach = vehicle.authority()[:3].min() / (3.0 * pull) if self.reach is None else self.reach
-        limits = (
-            period, reach, float(self.leg), self.range_limit, self.rate_limit,
-            self.rate_soft_limit(),
-            self.delay_cost / FLIGHT, self.false_alarm_cost / FLIGHT, self.wrong_name_cost / FLIGHT,
-            self.wrong_mode_cost / FLIGHT,
-        )  # fmt: skip
-        pilot = dataclasses.replace(Pilot.of(vehicle), frequencies=frequencies)
-        return DiagnosisModel(numbers.authority, numbers.projection, np.array(limits), pilot)
+        parameters = Parameters(
+            period=period,
+            reach=reach,
+            leg=float(self.leg),
+            range_limit=self.range_limit,
+            rate_limit=self.rate_limit,
+            rate_soft_limit=self.rate_soft_limit(),
+            delay_cost=self.delay_cost / FLIGHT,
+            false_alarm_cost=self.false_alarm_cost / FLIGHT,
+            wrong_name_cost=self.wrong_name_cost / FLIGHT,
+            wrong_mode_cost=self.wrong_mode_cost / FLIGHT,
+        )
+        pilot = dataclasses.replace(SlotPilot.of(vehicle), frequencies=frequencies)
+        return DiagnosisModel(numbers.authority, numbers.projection, np.array(parameters), pilot)
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: none, the agent has no part in the flight."""
@@ -238,28 +322,29 @@ class FaultDiagnosis(Task):
         """Start near the origin, nearly at rest, with the first slot drawn."""
         fleet = state.fleet
         _start(
-            fleet.data, fleet.streams, which, state.model.limits, state.slots, state.declared, state.standing,
-            state.account,
+            fleet.data, fleet.streams, which, state.model.parameters, state.slots, state.declared,
+            state.standing, state.statistics,
         )  # fmt: skip
         fleet.look(which)
 
     def step(self, state: DiagnosisState, actions: NDArray[np.int64]) -> None:
         """Hear the declarations, then fly one period."""
-        fleet, limits = state.fleet, state.model.limits
+        fleet, parameters = state.fleet, state.model.parameters
         fleet.by_worlds(
-            lambda first, last: _judge(
-                fleet.data, fleet.faults, actions, limits, state.declared, state.standing, state.account,
-                first, last,
+            lambda first, last: _evaluate_declaration(
+                fleet.data, fleet.faults, actions, parameters, state.declared, state.standing,
+                state.statistics, first, last,
             )
         )  # fmt: skip
         self._steer(state)
         self.intervene(state, actions)
         fleet.fly()
         fleet.by_worlds(
-            lambda first, last: _settle(
-                fleet.data, fleet.streams, limits, state.slots, state.declared, state.account, first, last
+            lambda first, last: _evaluate_flight(
+                fleet.data, fleet.streams, parameters, state.slots, state.declared, state.statistics,
+                first, last,
             )
-        )
+        )  # fmt: skip
 
     def _steer(self, state: DiagnosisState) -> None:
         """Write the pilot's duties."""
@@ -279,7 +364,7 @@ class FaultDiagnosis(Task):
         rows, fleet, model = observations[:, 0], state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _observe(
-                fleet.data, fleet.faults, model.limits, model.authority, model.projection, state.slots,
+                fleet.data, fleet.faults, model.parameters, (model.authority, model.projection), state.slots,
                 state.declared, self.observe_fault, rows, first, last,
             )
         )  # fmt: skip
@@ -287,31 +372,41 @@ class FaultDiagnosis(Task):
 
     def outcome(self, state: DiagnosisState) -> Outcome:
         """Terminates when the flight is lost."""
-        account = state.account[:, np.newaxis]
-        return Outcome(account[..., : len(self.reward_terms)], account[..., _COST], state.account[:, _OVER])
+        terms = state.statistics[:, np.newaxis, : len(self.reward_terms)]
+        return Outcome(terms, state.episode.cost[:, np.newaxis], state.episode.over)
 
     def truth(self, state: DiagnosisState) -> Truth:
-        """The score is the mean credit under a fault times the share of sound time without a false alarm."""
+        """The score is the mean credit under a fault times the share of other time without a false alarm."""
         fuel, score, success = np.empty((3, state.fleet.worlds, 1))
-        _rate(state.fleet.data, state.account, state.declared, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, state.declared, fuel, score, success)
         return Truth(fuel, score, success)
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and what would be right to declare now."""
-        account, worlds = state.account, state.fleet.worlds
-        right = np.zeros((worlds, 2), np.int64)
+        episode = state.episode
+        right = np.zeros((state.fleet.worlds, 2), np.int64)
         _right_now(state.fleet.data, state.fleet.faults, self.vehicle.control_period, right)
         return {
             "diagnosis": {
-                "detected": account[:, _NOTICED : _NOTICED + 1] >= 0.0,
-                "delay": account[:, _NOTICED : _NOTICED + 1].copy(),
-                "false_alarms": account[:, _ALARMS : _ALARMS + 1].astype(np.int64),
-                "isolated": account[:, _ISOLATED : _ISOLATED + 1] > 0.0,
-                "identified": account[:, _IDENTIFIED : _IDENTIFIED + 1] > 0.0,
+                "detected": episode.noticed[:, np.newaxis] >= 0.0,
+                "delay": episode.noticed[:, np.newaxis].copy(),
+                "false_alarms": episode.alarms[:, np.newaxis].astype(np.int64),
+                "isolated": episode.isolated[:, np.newaxis] > 0.0,
+                "identified": episode.identified[:, np.newaxis] > 0.0,
                 "thruster": right[:, :1].copy(),
                 "mode": right[:, 1:].copy(),
             }
         }
+
+    def picture(self, frame: Frame) -> Picture:
+        """The craft with its slot, and what was declared last."""
+        state: DiagnosisState = frame.state
+        world = frame.world
+        slots, places = state.slots[world, :, :3], state.fleet.read(at.POSITION, 3)[world]
+        thruster, mode = state.declared[world]
+        declared = f"thruster {thruster} {MODES[mode]}" if thruster > 0 else "no fault"
+        readouts = (distance(places[0], slots[0]), *fuel_and_score(frame), ("declared", declared))
+        return Picture(readouts=readouts, targets=slots)
 
 
 def piloted(pilot: Callable[[Sight], Any], sight: Sight) -> FloatArray:
@@ -363,7 +458,8 @@ def _draw_slot(data, streams, b, w, reach, slot):
 
 
 @kernel
-def _start(data, streams, which, limits, slots, declared, standing, account):
+def _start(data, streams, which, numbers, slots, declared, standing, statistics):
+    parameters, episode = open_parameters(numbers), open_statistics(statistics)
     lanes = data.shape[2]
     uniform = np.empty(16)
     for world in which:
@@ -374,10 +470,10 @@ def _start(data, streams, which, limits, slots, declared, standing, account):
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
         disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
         slots[world, 0, :] = 0.0
-        _draw_slot(data, streams, b, w, limits[_REACH], slots[world, 0])
+        _draw_slot(data, streams, b, w, parameters.reach, slots[world, 0])
         declared[world, :], standing[world] = 0, 0
-        account[world, :] = 0.0
-        account[world, _ONSET], account[world, _NOTICED] = -1.0, -1.0
+        statistics[world] = 0.0
+        episode.onset[world], episode.noticed[world] = -1.0, -1.0
 
 
 @njit
@@ -406,17 +502,20 @@ def _right_now(data, faults, period, right):
 
 
 @njit
-def _credit(row):
+def _credit(episode, world):
     """What the last declaration is worth under a fault, 0..1."""
-    return 1.0 if row[_IDENTIFIED] > 0.0 else (_HALF_RIGHT if row[_ISOLATED] > 0.0 else 0.0)
+    return 1.0 if episode.identified[world] > 0.0 else (_HALF_RIGHT if episode.isolated[world] > 0.0 else 0.0)
 
 
 @kernel(nogil=True)
-def _judge(data, faults, actions, limits, declared, standing, account, first, last):
+def _evaluate_declaration(
+    data, faults, actions, numbers, declared, standing, statistics, first, last
+):  # fmt: skip
     """Compare what is declared with what acts now, in the worlds from ``first`` to ``last`` (exclusive)."""
+    parameters, episode = open_parameters(numbers), open_statistics(statistics)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
-        row, time = account[world], data[b, at.STEP, w] * limits[_PERIOD]
+        time = data[b, at.STEP, w] * parameters.period
         thruster, mode = actions[world, 0, 0], actions[world, 0, 1]
         oldest = _first_fault(faults, b, w, time)
         isolated, identified = False, False
@@ -425,40 +524,42 @@ def _judge(data, faults, actions, limits, declared, standing, account, first, la
             if health.is_between(fault, time) and health.thruster_of(fault) + 1 == thruster:
                 isolated = True
                 identified |= mode == mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
-        for k in range(_COST + 1):
-            row[k] = 0.0
-        row[_UNDER_FAULT] = 1.0 if oldest >= 0 else 0.0
-        row[_ISOLATED], row[_IDENTIFIED] = 1.0 if isolated else 0.0, 1.0 if identified else 0.0
+        episode.delay[world], episode.false_alarm[world], episode.wrong_name[world] = 0.0, 0.0, 0.0
+        episode.fuel[world], episode.cost[world] = 0.0, 0.0
+        episode.under_fault[world] = 1.0 if oldest >= 0 else 0.0
+        episode.isolated[world] = 1.0 if isolated else 0.0
+        episode.identified[world] = 1.0 if identified else 0.0
         if oldest >= 0:
-            row[_FAULTY] += 1.0
-            if row[_ONSET] < 0.0:
-                row[_ONSET] = faults[b, w, oldest, code.FIELD_ONSET]
+            episode.faulty_steps[world] += 1.0
+            if episode.onset[world] < 0.0:
+                episode.onset[world] = faults[b, w, oldest, code.FIELD_ONSET]
                 standing[world] = declared[world, 0]
             new = thruster > 0 and (thruster != standing[world] or isolated)
-            if row[_NOTICED] < 0.0 and new:
-                row[_NOTICED] = time - row[_ONSET]
+            if episode.noticed[world] < 0.0 and new:
+                episode.noticed[world] = time - episode.onset[world]
             if thruster == 0:
-                row[_DELAY] = -limits[_DELAY_COST]
+                episode.delay[world] = -parameters.delay_cost
             elif not isolated:
-                row[_WRONG_NAME] = -limits[_WRONG_NAME_COST]
+                episode.wrong_name[world] = -parameters.wrong_name_cost
             elif not identified:
-                row[_WRONG_NAME] = -limits[_WRONG_MODE_COST]
-            row[_CREDIT] += _credit(row)
+                episode.wrong_name[world] = -parameters.wrong_mode_cost
+            episode.credit[world] += _credit(episode, world)
         else:
-            row[_HEALTHY] += 1.0
+            episode.healthy_steps[world] += 1.0
             if thruster > 0:
-                row[_FALSE_ALARM] = -limits[_FALSE_ALARM_COST]
-                row[_FALSE_STEPS] += 1.0
-                row[_ALARMS] += 1.0 if thruster != declared[world, 0] else 0.0
+                episode.false_alarm[world] = -parameters.false_alarm_cost
+                episode.false_steps[world] += 1.0
+                episode.alarms[world] += 1.0 if thruster != declared[world, 0] else 0.0
         declared[world, 0], declared[world, 1] = thruster, mode
 
 
 @kernel(nogil=True)
-def _settle(data, streams, limits, slots, declared, account, first, last):
+def _evaluate_flight(data, streams, numbers, slots, declared, statistics, first, last):
     """Look where the period has led; a lost flight is charged as if its last declaration stood to the end."""
+    parameters, episode = open_parameters(numbers), open_statistics(statistics)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
-        row, slot, distance, turning = account[world], slots[world, 0], 0.0, 0.0
+        slot, distance, turning = slots[world, 0], 0.0, 0.0
         q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
         frame = turning_of_frame(data, b, w)
         spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), frame)
@@ -466,44 +567,46 @@ def _settle(data, streams, limits, slots, declared, account, first, last):
             distance += (data[b, at.POSITION + k, w] - slot[k]) ** 2
             turning += spin[k] * spin[k]
         turning = math.sqrt(turning)
-        row[_COST] = max(0.0, turning / limits[_RATE_SOFT_LIMIT] - 1.0)
-        near = math.sqrt(distance) <= limits[_RANGE_LIMIT] and turning <= limits[_RATE_LIMIT]
+        episode.cost[world] = max(0.0, turning / parameters.rate_soft_limit - 1.0)
+        near = math.sqrt(distance) <= parameters.range_limit and turning <= parameters.rate_limit
         lost = not (near and data[b, at.LOST, w] == 0.0)
-        if lost and row[_OVER] == 0.0:
+        if lost and episode.over[world] == 0.0:
             left = max(0.0, FLIGHT - data[b, at.STEP, w])
-            for k in range(_WRONG_NAME + 1):
-                row[k] *= 1.0 + left
-            if row[_UNDER_FAULT] > 0.0:
-                row[_FAULTY] += left
-                row[_CREDIT] += left * _credit(row)
+            for term in (episode.delay, episode.false_alarm, episode.wrong_name):
+                term[world] *= 1.0 + left
+            if episode.under_fault[world] > 0.0:
+                episode.faulty_steps[world] += left
+                episode.credit[world] += left * _credit(episode, world)
             else:
-                row[_HEALTHY] += left
-                row[_FALSE_STEPS] += left if declared[world, 0] > 0 else 0.0
+                episode.healthy_steps[world] += left
+                episode.false_steps[world] += left if declared[world, 0] > 0 else 0.0
         if lost:
-            row[_OVER] = 1.0
-        if data[b, at.STEP, w] % limits[_LEG] == 0.0:
-            _draw_slot(data, streams, b, w, limits[_REACH], slot)
+            episode.over[world] = 1.0
+        if data[b, at.STEP, w] % parameters.leg == 0.0:
+            _draw_slot(data, streams, b, w, parameters.reach, slot)
 
 
 @kernel
-def _rate(data, account, declared, fuel, score, success):
+def _rate(data, statistics, declared, fuel, score, success):
     """Fuel, score and success of every world, (worlds, 1) each."""
-    for world in range(account.shape[0]):
+    episode = open_statistics(statistics)
+    for world in range(statistics.shape[0]):
         b, w = place(world, 0, 1, data.shape[2])
         fuel[world, 0] = data[b, at.OPEN_TIME, w]
-        row = account[world]
-        credit = row[_CREDIT] / row[_FAULTY] if row[_FAULTY] > 0.0 else 1.0
-        quiet = 1.0 - row[_FALSE_STEPS] / row[_HEALTHY] if row[_HEALTHY] > 0.0 else 1.0
-        begun = row[_FAULTY] + row[_HEALTHY] > 0.0
-        right = row[_IDENTIFIED] > 0.0 if row[_UNDER_FAULT] > 0.0 else declared[world, 0] == 0
-        score[world, 0] = credit * quiet if begun else 0.0
-        success[world, 0] = begun and right and row[_ALARMS] == 0.0
+        faulty, healthy = episode.faulty_steps[world], episode.healthy_steps[world]
+        credit = episode.credit[world] / faulty if faulty > 0.0 else 1.0
+        no_alarm = 1.0 - episode.false_steps[world] / healthy if healthy > 0.0 else 1.0
+        begun = faulty + healthy > 0.0
+        right = declared[world, 0] == 0
+        if episode.under_fault[world] > 0.0:
+            right = episode.identified[world] > 0.0
+        score[world, 0] = credit * no_alarm if begun else 0.0
+        success[world, 0] = begun and right and episode.alarms[world] == 0.0
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, limits, authority, projection, slots, declared, observe_fault, observations, first, last
-):  # fmt: skip
+def _observe(data, faults, numbers, model, slots, declared, observe_fault, observations, first, last):
+    parameters, (authority, projection) = open_parameters(numbers), model
     n, lanes, m = projection.shape[0], data.shape[2], at.MEASURED
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
@@ -534,7 +637,7 @@ def _observe(
         for k in range(_MODES):
             row[25 + 3 * n + k] = 1.0 if declared[world, 0] > 0 and declared[world, 1] == k else 0.0
         if observe_fault:
-            start, period = data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD]
+            start, period = data[b, at.STEP, w] * parameters.period, parameters.period
             write_oracle_view(faults, b, w, start, period, row, row.shape[0] - 2 * n)
 
 

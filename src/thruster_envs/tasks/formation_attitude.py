@@ -3,8 +3,8 @@
 Models two to sixteen like craft, a leader and its followers, in attitude alone (Valdes 2008, chapters 5 and
 6): three pairs of pulsed plasma thrusters each, one decision in every control period, gravity gradient and a
 small constant torque. Targets are drawn from angles that contain the manoeuvres of the source. Craft that are
-not commanded fly by the law of :mod:`.attitude_pilot`. Leaves out translation, and any limit to what a
-follower knows of the leader.
+not commanded fly by the law of :mod:`thruster_envs.pilots.attitude`. Leaves out translation, and any limit to
+what a follower knows of the leader.
 """
 
 from __future__ import annotations
@@ -12,22 +12,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, check_torques, discharge_of
 from thruster_envs.physics.vehicle import open_vehicle
-from thruster_envs.random import RESET, philox, uniform_pair
-from thruster_envs.spacecraft.description import Vector
-from thruster_envs.tasks.access import attitude_error, bounded, place
-from thruster_envs.tasks.attitude_pilot import (
+from thruster_envs.pilots.attitude import (
     AttitudePilot,
     Gains,
     command_pulses,
@@ -36,8 +35,10 @@ from thruster_envs.tasks.attitude_pilot import (
     relative_motion,
     turned,
 )
+from thruster_envs.random import RESET, philox, uniform_pair
+from thruster_envs.spacecraft.description import Vector
+from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -48,11 +49,14 @@ from thruster_envs.tasks.contract import (
     check_positive,
     check_whole,
 )
+from thruster_envs.tasks.pictures import Frame, Picture, Trace, fuel_and_score
 
 #: Requirements of Valdes 2008, Table 5.VI: error of each component of the vector part of the quaternion, of
 #: each rate in rad/s, and time before which the attitude must have settled, s.
 ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT = 6e-3, 6e-5, 1000.0
 _BOUND = 5.0
+#: Dots of a curve at most.
+_MOST_DOTS = 150
 #: What observations are divided by: rad for the fine error, rad/s.
 _FINE, _RATE = 0.05, 1e-3
 #: Error at which the fine half of the pointing term is half its worst, rad, and least error that gains are
@@ -60,39 +64,103 @@ _FINE, _RATE = 0.05, 1e-3
 _HALF, _LEAST = 0.05, 0.1
 #: Pulses that a thruster can be owed at most, and what counts as a whole one, rounding forgiven.
 _MOST_OWED, _WHOLE = 2.0, 1.0 - 1e-9
-# Columns of the account, per craft. First what the last step was worth.
-_POINTING, _BALANCE, _PULSES, _COST = range(4)
-# Error now and when the target was set, rad; how many of the six requirements are met; s since the target was
-# set, and from when on, so counted, the attitude has been within its tolerance; s of discharges since the
-# reset.
-_ANGLE, _FIRST_ANGLE, _MET, _SINCE, _SETTLED, _OPEN_TIME = range(4, 10)
-# Error when a target was set that the account does not count from yet, rad; 0 where there is none.
-_NEW_ANGLE, _ACCOUNT = 10, 11
-# Entries of the limits; lowest angle and width of the range of roll, pitch and yaw.
-(
-    _PERIOD, _FIRING_TIME, _INTERVAL, _RATE_SOFT_LIMIT, _RATE_LIMIT, _BALANCE_PRICE, _PULSE_PRICE, _ANGLES,
-) = range(8)  # fmt: skip
-_LIMITS = _ANGLES + 6
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers; lowest angle of a target and width of its range, about each axis.
+
+    Attributes:
+        period: Control period, s.
+        firing_time: Of a discharge, s.
+        interval: Control periods after which followers get new targets; 0 for never.
+        rate_soft_limit: Body rate above which there is a cost, rad/s.
+        rate_limit: Body rate at which a craft is lost, rad/s.
+        balance_price: Of having used twice the formation's mean or more.
+        pulse_price: Of a pulse on each axis.
+        roll: rad.
+        pitch: rad.
+        yaw: rad.
+        roll_range: rad.
+        pitch_range: rad.
+        yaw_range: rad.
+    """
+
+    period: float
+    firing_time: float
+    interval: float
+    rate_soft_limit: float
+    rate_limit: float
+    balance_price: float
+    pulse_price: float
+    roll: float
+    pitch: float
+    yaw: float
+    roll_range: float
+    pitch_range: float
+    yaw_range: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds, craft) each.
+
+    Attributes:
+        pointing: Term of the reward of the last step, and the next two likewise.
+        balance: Likewise.
+        pulses: Likewise.
+        cost: Of the last step.
+        angle: Error now, rad.
+        first_angle: Error when the target was set, rad.
+        met: How many of the six requirements are met.
+        since: Since the target was set, s.
+        settled: From when on, so counted, the attitude has been within its tolerance, s.
+        open_time: Of discharges since the reset, s.
+        new_angle: Error when a target was set that nothing counts from yet, rad; 0 where there is none.
+    """
+
+    pointing: FloatArray
+    balance: FloatArray
+    pulses: FloatArray
+    cost: FloatArray
+    angle: FloatArray
+    first_angle: FloatArray
+    met: FloatArray
+    since: FloatArray
+    settled: FloatArray
+    open_time: FloatArray
+    new_angle: FloatArray
+
+
+_parameters, _statistics = opener(Parameters), opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class FormationAttitudeModel:
-    """The configuration in numbers."""
+    """The configuration in arrays.
 
-    limits: FloatArray
+    Attributes:
+        parameters: As :class:`Parameters` names them.
+        gains: Of the law that flies the other craft.
+    """
+
+    parameters: FloatArray
     gains: Gains
 
 
 @dataclass
 class FormationAttitudeState(TaskState):
-    """Arrays of a batch: targets, pulses owed and accounts."""
+    """Arrays of a batch."""
 
     fleet: Fleet
     model: FormationAttitudeModel
     targets: FloatArray  # (worlds, craft, 4), attitude from the leader's body; the leader's from the frame
     owed: FloatArray  # (worlds, craft, n), pulses commanded by duties and not fired yet
-    account: FloatArray  # (worlds, craft, 11)
+    statistics: FloatArray  # (worlds, craft, 11), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +208,7 @@ class FormationAttitude(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("pointing", "balance", "pulses")
     max_episode_steps: ClassVar[int | None] = 3000
+    one_agent: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -187,29 +256,47 @@ class FormationAttitude(Task):
         return (3, 3, 3) if self.action == "pulses" else None
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
-        owed = (Feature("share of a pulse that each thruster is owed", n, _MOST_OWED, "pulse", 0.0),)
+        owed = (
+            Field(
+                "owed",
+                "share of a pulse that each thruster is owed",
+                n,
+                reference="pulse",
+                bound=_MOST_OWED,
+                lowest=0.0,
+            ),
+        )
         return (
-            Feature("measured attitude from the target, as a quaternion", 4, 1.0, "1"),
-            Feature("measured attitude error", 3, 1.0, f"{_FINE:g} rad"),
-            Feature("measured rate relative to the leader", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("target from the leader, as a quaternion", 4, 1.0, "1"),
-            Feature("whether each thruster was asked to fire last", n, 1.0, "1", 0.0),
-            Feature("own fuel over the formation's mean, less one", 1, _BOUND, "1", -1.0),
+            Field("attitude", "measured attitude from the target, as a quaternion", 4),
+            Field("attitude_error", "measured attitude error", 3, "rad", _FINE),
+            Field("rate", "measured rate relative to the leader", 3, "rad/s", _RATE, bound=_BOUND),
+            Field("target", "target from the leader, as a quaternion", 4),
+            Field("duties", "whether each thruster was asked to fire last", n, lowest=0.0),
+            Field(
+                "fuel_excess", "own fuel over the formation's mean, less one", 1, bound=_BOUND, lowest=-1.0
+            ),
             *(owed if self.action == "duties" else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
-    def oracle_features(self) -> tuple[Feature, ...]:
+    def oracle_fields(self) -> tuple[Field, ...]:
         """The oracle view, where it was asked for."""
         if not self.observe_fault:
             return ()
-        n = self.vehicle.number_of_thrusters
+        n, firing_time = self.vehicle.number_of_thrusters, discharge_of(self.vehicle).firing_time
+        impulse: dict[str, Any] = {
+            "unit": "N s",
+            "scale": tuple(thruster.thrust * firing_time for thruster in self.vehicle.thrusters),
+            "reference": "nominal impulse",
+        }
         return (
-            Feature("true impulse that asking each thruster adds", n, 2.0, "nominal impulse"),
-            Feature("true impulse of each thruster unasked", n, 2.0, "nominal impulse"),
+            Field(
+                "true_impulse_asked", "true impulse that asking each thruster adds", n, bound=2.0, **impulse
+            ),
+            Field("true_impulse_unasked", "true impulse of each thruster unasked", n, bound=2.0, **impulse),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
@@ -223,23 +310,37 @@ class FormationAttitude(Task):
             ),
         )  # fmt: skip
         angles = np.radians([self.roll_degrees, self.pitch_degrees, self.yaw_degrees])
-        limits = np.array(
-            [vehicle.control_period, discharge_of(vehicle).firing_time, self.retarget_interval or 0.0,
-             self.rate_soft_limit, self.rate_limit, self.balance_price, self.pulse_price,
-             *angles[:, 0], *(angles[:, 1] - angles[:, 0])]
-        )  # fmt: skip
+        (roll, pitch, yaw), (roll_range, pitch_range, yaw_range) = angles[:, 0], angles[:, 1] - angles[:, 0]
+        parameters = Parameters(
+            period=vehicle.control_period,
+            firing_time=discharge_of(vehicle).firing_time,
+            interval=float(self.retarget_interval or 0),
+            rate_soft_limit=self.rate_soft_limit,
+            rate_limit=self.rate_limit,
+            balance_price=self.balance_price,
+            pulse_price=self.pulse_price,
+            roll=roll,
+            pitch=pitch,
+            yaw=yaw,
+            roll_range=roll_range,
+            pitch_range=pitch_range,
+            yaw_range=yaw_range,
+        )
         return FormationAttitudeState(
-            fleet, FormationAttitudeModel(limits, AttitudePilot.of(vehicle).gains),
-            np.zeros((worlds, craft, 4)), np.zeros((worlds, craft, vehicle.number_of_thrusters)),
-            np.zeros((worlds, craft, _ACCOUNT)), np.zeros(worlds),
-        )  # fmt: skip
+            fleet,
+            FormationAttitudeModel(np.array(parameters), AttitudePilot.of(vehicle).gains),
+            targets=np.zeros((worlds, craft, 4)),
+            owed=np.zeros((worlds, craft, vehicle.number_of_thrusters)),
+            statistics=np.zeros((worlds, craft, len(Statistics._fields))),
+            over=np.zeros(worlds),
+        )
 
     def reset(self, state: FormationAttitudeState, which: NDArray[np.int64]) -> None:
         """Start at rest, all craft aligned, with the first targets."""
         fleet = state.fleet
         _start(
-            fleet.data, fleet.streams, which, state.model.limits, state.targets, state.owed, state.account,
-            state.over,
+            fleet.data, fleet.streams, which, state.model.parameters, state.targets, state.owed,
+            state.statistics, state.over,
         )  # fmt: skip
         fleet.look(which)
 
@@ -260,10 +361,11 @@ class FormationAttitude(Task):
         fleet.by_worlds(command)
         fleet.fly()
         fleet.by_worlds(
-            lambda start, stop: _judge(
-                fleet.data, fleet.streams, model.limits, state.targets, state.account, state.over, start, stop
+            lambda start, stop: _evaluate_step(
+                fleet.data, fleet.streams, model.parameters, state.targets, state.statistics, state.over,
+                start, stop,
             )
-        )
+        )  # fmt: skip
 
     def observe(self, state: FormationAttitudeState) -> Observations:
         """(worlds, agents, observation_size)."""
@@ -271,50 +373,75 @@ class FormationAttitude(Task):
         observations = np.empty((fleet.worlds, len(self.agents), self.observation_size), np.float32)
         fleet.by_worlds(
             lambda start, stop: _observe(
-                fleet.data, fleet.faults, fleet.vehicle, state.model.limits, state.targets, state.owed,
-                state.account, self.first_commanded, self.choices is None, self.observe_fault, observations,
-                start, stop,
+                fleet.data, fleet.faults, fleet.vehicle, state.model.parameters,
+                (state.targets, state.owed, state.statistics), self.first_commanded,
+                (self.choices is None, self.observe_fault), observations, start, stop,
             )
         )  # fmt: skip
         return observations
 
     def outcome(self, state: FormationAttitudeState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        account = self._account(state)
-        return Outcome(account[..., : _PULSES + 1], account[..., _COST], state.over)
+        terms = state.statistics[:, self._agents, : len(self.reward_terms)]
+        return Outcome(terms, state.episode.cost[:, self._agents], state.over)
 
     def truth(self, state: FormationAttitudeState) -> Truth:
         """Half of the score is the share of the turn that is done, half that of the requirements met."""
         fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
-        _rate(self._account(state), state.over, fuel, score, success)
+        _rate(state.statistics[:, self._agents], state.over, fuel, score, success)
         return Truth(fuel, score, success)
 
     def report(self, state: FormationAttitudeState) -> dict[str, dict[str, NDArray[Any]]]:
         """How far each craft is from its target, and how long it took to settle there."""
-        account = self._account(state)
-        inside = account[..., _SETTLED] <= account[..., _SINCE]
+        episode, agents = state.episode, self._agents
+        settled = episode.settled[:, agents]
         return {
             "attitude": {
-                "error": account[..., _ANGLE].copy(),
-                "requirements_met": account[..., _MET].astype(np.int64),
-                "settling_time": np.where(inside, account[..., _SETTLED], -1.0),
+                "error": episode.angle[:, agents].copy(),
+                "requirements_met": episode.met[:, agents].astype(np.int64),
+                "settling_time": np.where(settled <= episode.since[:, agents], settled, -1.0),
             }
         }
 
-    def _account(self, state: FormationAttitudeState) -> FloatArray:
-        """Those of the commanded craft, a view."""
-        return state.account[:, self.first_commanded :][:, : len(self.agents)]
+    def picture(self, frame: Frame) -> Picture:
+        """Angle and rate of the first agent's craft from the leader since the start, and what is wanted."""
+        samples, error = frame.samples, frame.info["attitude"]["error"][frame.world, 0]
+        few = samples[:: -(-len(samples) // _MOST_DOTS)] if len(samples) > 1 else _two(samples)
+        time, angle, target, rate = few.T
+        return Picture(
+            readouts=(
+                ("error", f"{np.degrees(error):.2f}°"),
+                *fuel_and_score(frame),
+            ),
+            traces=(
+                Trace("turned, deg", "time, s", time, np.degrees(target), np.degrees(angle)),
+                Trace("rate, mrad/s", "time, s", time, 0.0 * rate, 1e3 * rate),
+            ),
+            traces_name=f"craft {self.first_commanded + 1}, from the leader",
+        )
+
+    def sample(self, state: FormationAttitudeState, world: int, time: float) -> tuple[float, ...]:
+        """Time, how far the first agent's craft has turned from the leader, how far it should; its rate."""
+        craft = self.first_commanded
+        q, rate = relative_motion(state.fleet.data, at.ATTITUDE, world, craft, self.craft)
+        target = float(state.targets[world, craft, 0])
+        turned, due = 2.0 * math.acos(min(abs(q[0]), 1.0)), 2.0 * math.acos(min(target, 1.0))
+        return time, turned, due, math.hypot(*rate)
+
+    @cached_property
+    def _agents(self) -> slice:
+        """Which craft are commanded."""
+        return slice(self.first_commanded, self.first_commanded + len(self.agents))
 
 
-def turn_of(state: FormationAttitudeState, world: int, craft: int) -> tuple[float, float, float]:
-    """How far a craft (from 0) has turned from the leader, how far it should, in rad; its rate, rad/s."""
-    q, rate = relative_motion(state.fleet.data, at.ATTITUDE, world, craft, state.targets.shape[1])
-    target = float(state.targets[world, craft, 0])
-    return 2.0 * math.acos(min(abs(q[0]), 1.0)), 2.0 * math.acos(min(target, 1.0)), math.hypot(*rate)
+def _two(samples: FloatArray) -> FloatArray:
+    """A curve of one sample, drawn for a second."""
+    second: FloatArray = np.array([[0.0] * 4, [1.0, 0.0, 0.0, 0.0]])
+    return np.asarray(np.tile(samples, (2, 1)) + second)
 
 
 @njit
-def _draw_target(streams, b, w, craft, number, limits, target):
+def _draw_target(streams, b, w, craft, number, parameters, target):
     """Draw target ``number`` (from 0) of a follower: yaw about z, then pitch about y, then roll about x."""
     words = philox(
         np.uint64(2), np.uint64(number), streams[b, at.EPISODE, w], np.uint64(RESET << 32) | np.uint64(craft),
@@ -322,25 +449,25 @@ def _draw_target(streams, b, w, craft, number, limits, target):
     )  # fmt: skip
     roll, pitch = uniform_pair(words[0])
     yaw, _ = uniform_pair(words[1])
-    x = 0.5 * (limits[_ANGLES] + roll * limits[_ANGLES + 3])
-    y = 0.5 * (limits[_ANGLES + 1] + pitch * limits[_ANGLES + 4])
-    z = 0.5 * (limits[_ANGLES + 2] + yaw * limits[_ANGLES + 5])
+    x = 0.5 * (parameters.roll + roll * parameters.roll_range)
+    y = 0.5 * (parameters.pitch + pitch * parameters.pitch_range)
+    z = 0.5 * (parameters.yaw + yaw * parameters.yaw_range)
     q = turned((math.cos(x), math.cos(y), math.cos(z)), (math.sin(x), math.sin(y), math.sin(z)))
     for k in range(4):
         target[k] = q[k] if q[0] >= 0.0 else -q[k]
 
 
 @njit
-def _aim(data, streams, world, number, limits, targets, account):
-    """Give every follower its target ``number``; the account counts from it from the next period on.
+def _aim(data, streams, world, number, parameters, targets, episode):
+    """Give every follower its target ``number``; statistics count from it from the next period on.
 
     So the outcome of a period is that of the target it was flown for, the last of an episode too.
     """
     craft = targets.shape[1]
     for c in range(1, craft):
         b, w = place(world, c, craft, data.shape[2])
-        _draw_target(streams, b, w, c, number, limits, targets[world, c])
-        account[world, c, _NEW_ANGLE] = _angle(_true_error(data, world, c, targets))
+        _draw_target(streams, b, w, c, number, parameters, targets[world, c])
+        episode.new_angle[world, c] = _angle(_true_error(data, world, c, targets))
 
 
 @njit(forceinline=True)
@@ -357,43 +484,45 @@ def _angle(e):
 
 
 @njit(forceinline=True)
-def _assess(data, world, c, targets, period, account):
+def _assess(data, world, c, targets, period, episode):
     """How far a craft truly is from its target, and how many of the requirements it meets.
 
     That of a rate counts only where that of the same axis's attitude is met: standing still is no merit.
     """
     e = _true_error(data, world, c, targets)
     _, rate = relative_motion(data, at.ATTITUDE, world, c, targets.shape[1])
-    account[_ANGLE] = _angle(e)
+    episode.angle[world, c] = _angle(e)
     met, inside = 0.0, True
     for k in range(3):
         close = abs(e[1 + k]) < ATTITUDE_TOLERANCE
         inside &= close
         if close:
             met += 2.0 if abs(rate[k]) < RATE_TOLERANCE else 1.0
-    account[_MET] = met
+    episode.met[world, c] = met
     if not inside:
-        account[_SETTLED] = account[_SINCE] + period
+        episode.settled[world, c] = episode.since[world, c] + period
 
 
 @kernel
-def _start(data, streams, which, limits, targets, owed, account, over):
+def _start(data, streams, which, numbers, targets, owed, statistics, over):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     for world in which:
         over[world] = 0.0
         targets[world, 0, 0] = 1.0
         targets[world, 0, 1:] = 0.0
         owed[world] = 0.0
-        account[world] = 0.0
-        _aim(data, streams, world, 0, limits, targets, account)
+        statistics[world] = 0.0
+        _aim(data, streams, world, 0, parameters, targets, episode)
         for c in range(targets.shape[1]):
-            _count_anew(account[world, c])
-            _assess(data, world, c, targets, limits[_PERIOD], account[world, c])
+            _restart(episode, world, c)
+            _assess(data, world, c, targets, parameters.period, episode)
 
 
 @njit(forceinline=True)
-def _count_anew(account):
-    account[_FIRST_ANGLE], account[_NEW_ANGLE] = account[_NEW_ANGLE], 0.0
-    account[_SINCE], account[_SETTLED] = 0.0, 0.0
+def _restart(episode, world, c):
+    """Count from the new target on."""
+    episode.first_angle[world, c], episode.new_angle[world, c] = episode.new_angle[world, c], 0.0
+    episode.since[world, c], episode.settled[world, c] = 0.0, 0.0
 
 
 @kernel(nogil=True)
@@ -440,19 +569,22 @@ def _owe_pulses(data, duties, first, owed, capacitors, start, stop):
 
 
 @kernel
-def _rate(account, over, fuel, score, success):
+def _rate(statistics, over, fuel, score, success):
     """Fuel, score and success of every agent, (worlds, agents) each."""
+    episode = _statistics(statistics)
     for world in range(score.shape[0]):
         for agent in range(score.shape[1]):
-            mine, sound = account[world, agent], over[world] == 0.0
-            done = 1.0 - mine[_ANGLE] / max(mine[_FIRST_ANGLE], _LEAST)
-            fuel[world, agent] = mine[_OPEN_TIME]
-            score[world, agent] = 0.5 * min(max(done, 0.0), 1.0) + mine[_MET] / 12.0 if sound else 0.0
-            success[world, agent] = sound and mine[_MET] == 6.0 and mine[_SETTLED] < SETTLING_LIMIT
+            met, goes_on = episode.met[world, agent], over[world] == 0.0
+            done = 1.0 - episode.angle[world, agent] / max(episode.first_angle[world, agent], _LEAST)
+            fuel[world, agent] = episode.open_time[world, agent]
+            score[world, agent] = 0.5 * min(max(done, 0.0), 1.0) + met / 12.0 if goes_on else 0.0
+            settled = episode.settled[world, agent] < SETTLING_LIMIT
+            success[world, agent] = goes_on and met == 6.0 and settled
 
 
 @kernel(nogil=True)
-def _judge(data, streams, limits, targets, account, over, start, stop):
+def _evaluate_step(data, streams, numbers, targets, statistics, over, start, stop):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft = data.shape[2], targets.shape[1]
     for world in range(start, stop):
         mean = 0.0
@@ -461,39 +593,41 @@ def _judge(data, streams, limits, targets, account, over, start, stop):
             mean += data[b, at.OPEN_TIME, w] / craft
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
-            mine = account[world, c]
-            if mine[_NEW_ANGLE] > 0.0:
-                _count_anew(mine)
-            mine[_SINCE] += limits[_PERIOD]
-            _assess(data, world, c, targets, limits[_PERIOD], mine)
+            if episode.new_angle[world, c] > 0.0:
+                _restart(episode, world, c)
+            episode.since[world, c] += parameters.period
+            _assess(data, world, c, targets, parameters.period, episode)
             used = data[b, at.OPEN_TIME, w]
             excess = min(max(used / mean - 1.0, 0.0), 1.0) if mean > 0.0 else 0.0
-            mine[_POINTING] = -0.5 * (mine[_ANGLE] + mine[_ANGLE] / (mine[_ANGLE] + _HALF))
-            mine[_BALANCE] = -limits[_BALANCE_PRICE] * excess
-            mine[_PULSES] = -limits[_PULSE_PRICE] * (used - mine[_OPEN_TIME]) / (3.0 * limits[_FIRING_TIME])
-            mine[_OPEN_TIME] = used
+            angle, spent = episode.angle[world, c], used - episode.open_time[world, c]
+            episode.pointing[world, c] = -0.5 * (angle + angle / (angle + _HALF))
+            episode.balance[world, c] = -parameters.balance_price * excess
+            episode.pulses[world, c] = -parameters.pulse_price * spent / (3.0 * parameters.firing_time)
+            episode.open_time[world, c] = used
             spin = math.sqrt(
                 data[b, at.RATE, w] ** 2 + data[b, at.RATE + 1, w] ** 2 + data[b, at.RATE + 2, w] ** 2
             )
-            mine[_COST] = max(0.0, spin / limits[_RATE_SOFT_LIMIT] - 1.0)
-            if not (data[b, at.LOST, w] == 0.0 and spin <= limits[_RATE_LIMIT]):
+            episode.cost[world, c] = max(0.0, spin / parameters.rate_soft_limit - 1.0)
+            if not (data[b, at.LOST, w] == 0.0 and spin <= parameters.rate_limit):
                 over[world] = 1.0
         b, w = place(world, 0, craft, lanes)
-        if limits[_INTERVAL] > 0.0 and data[b, at.STEP, w] % limits[_INTERVAL] == 0.0:
-            _aim(data, streams, world, int(data[b, at.STEP, w] / limits[_INTERVAL]), limits, targets, account)
+        if parameters.interval > 0.0 and data[b, at.STEP, w] % parameters.interval == 0.0:
+            number = int(data[b, at.STEP, w] / parameters.interval)
+            _aim(data, streams, world, number, parameters, targets, episode)
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, parts, limits, targets, owed, account, first, by_duties, observe_fault, observations,
-    start, stop,
-):  # fmt: skip
+def _observe(data, faults, parts, numbers, arrays, first, shown, observations, start, stop):
+    """Write observations, of pulses owed and of faults where they are shown."""
+    targets, owed, statistics = arrays
+    by_duties, observe_fault = shown
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft, n = data.shape[2], targets.shape[1], owed.shape[2]
     made, pulses = np.empty((pulse.HEALTH_GROUPS, n)), open_vehicle(parts).pulses
     for world in range(start, stop):
         mean = 0.0
         for c in range(craft):
-            mean += account[world, c, _OPEN_TIME] / craft
+            mean += episode.open_time[world, c] / craft
         for agent in range(observations.shape[1]):
             c, row = first + agent, observations[world, agent]
             b, w = place(world, c, craft, lanes)
@@ -509,7 +643,7 @@ def _observe(
                 row[7 + k] = bounded(rate[k] / _RATE, _BOUND)
             for i in range(n):
                 row[14 + i] = data[b, at.DUTIES + i, w]
-            used = account[world, c, _OPEN_TIME]
+            used = episode.open_time[world, c]
             row[14 + n] = bounded(used / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
             column = 15 + n
             if by_duties:
@@ -517,7 +651,7 @@ def _observe(
                     row[column + i] = owed[world, c, i]
                 column += n
             if observe_fault:
-                time = data[b, at.STEP, w] * limits[_PERIOD]
+                time = data[b, at.STEP, w] * parameters.period
                 pulse.pulse_health(faults[b, w], time, pulses, made)
                 for i in range(n):
                     asked, unasked = pulse.impulses_of(made, i)

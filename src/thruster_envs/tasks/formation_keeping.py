@@ -15,29 +15,34 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import (
+    attitude_error,
+    columns_of,
+    opener,
+    place,
+    rate_error,
+    turning_of_frame,
+)
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.orbits import frame_motion, open_ellipse
+from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
     draw_start,
-    place,
-    rate_error,
-    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -45,42 +50,98 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
     check_whole,
+    error_fields,
 )
-from thruster_envs.tasks.pilot import Pilot
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 
 _BOUND = 5.0
 #: What observations are divided by: m, m/s, rad, rad/s; distances between craft, m.
 _POSITION, _VELOCITY, _ANGLE, _RATE, _BETWEEN = 10.0, 0.05, 0.5, 0.05, 100.0
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
 _DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
-# Columns of the account, per craft.
-_TRACKING, _ATTITUDE, _FUEL, _COST, _OPEN_TIME, _KEPT, _COLLISIONS, _ACCOUNT = range(8)
-# Entries of the limits.
-(
-    _PERIOD, _MEAN_MOTION, _RADIUS, _SLOT_BOX, _KEEP_OUT, _RANGE_LIMIT, _RATE_LIMIT, _FUEL_PRICE, _LIMITS,
-) = range(9)  # fmt: skip
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        mean_motion: rad/s.
+        radius: Of the relative orbit on which the slots lie, m.
+        slot_tolerance: Distance from the slot within which it counts as kept, m.
+        keep_out: Distance between two craft below which there is a cost, m.
+        range_limit: Distance from the slot at which the episode ends as a failure, m.
+        rate_limit: Body rate at which it does, rad/s.
+        fuel_price: Of a thruster-second.
+    """
+
+    period: float
+    mean_motion: float
+    radius: float
+    slot_tolerance: float
+    keep_out: float
+    range_limit: float
+    rate_limit: float
+    fuel_price: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds, craft) each.
+
+    Attributes:
+        tracking: Term of the reward of the last step, and the next two likewise.
+        attitude: Likewise.
+        fuel: Likewise.
+        cost: Of the last step.
+        open_time: Thruster-seconds since the reset.
+        kept: Steps after which the craft was in its slot.
+        collisions: Sum of the cost.
+    """
+
+    tracking: FloatArray
+    attitude: FloatArray
+    fuel: FloatArray
+    cost: FloatArray
+    open_time: FloatArray
+    kept: FloatArray
+    collisions: FloatArray
+
+
+_parameters, _statistics = opener(Parameters), opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class FormationModel:
-    """The configuration in numbers: authority (6,) of a period, limits, and the pilot of the other craft."""
+    """The configuration in arrays.
+
+    Attributes:
+        authority: (6,), m/s and rad/s per period, infinite where there is none.
+        parameters: As :class:`Parameters` names them.
+        pilot: Of the craft that nobody commands.
+    """
 
     authority: FloatArray
-    limits: FloatArray
-    pilot: Pilot
+    parameters: FloatArray
+    pilot: SlotPilot
 
 
 @dataclass
 class FormationState(TaskState):
-    """Arrays of a batch: slots and accounts."""
+    """Arrays of a batch."""
 
     model: FormationModel
     phase: FloatArray  # (worlds,), rad, of the first slot at the start
     slots: FloatArray  # (worlds, craft, 6), m and m/s, LVLH, now
-    account: FloatArray  # (worlds, craft, 7)
+    statistics: FloatArray  # (worlds, craft, 7), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +172,7 @@ class FormationKeeping(Task):
 
     reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel")
     max_episode_steps: ClassVar[int | None] = 120
+    one_agent: ClassVar[dict[str, Any]] = {"commanded": 1}
     takes_storage: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -133,20 +195,27 @@ class FormationKeeping(Task):
         return super().agents[: self.commanded]
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("measured position relative to the slot", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured velocity relative to the slot", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature("own fuel over the formation's mean, less one", 1, _BOUND, "1", -1.0),
-            Feature("measured positions of the other craft", 3 * (self.craft - 1), _BOUND, f"{_BETWEEN:g} m"),
-            *self.oracle_features(),
+            Field("position", "measured position relative to the slot", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured velocity relative to the slot", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "fuel_excess", "own fuel over the formation's mean, less one", 1, bound=_BOUND, lowest=-1.0
+            ),
+            Field(
+                "others",
+                "measured positions of the other craft",
+                3 * (self.craft - 1),
+                "m",
+                _BETWEEN,
+                bound=_BOUND,
+            ),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> FormationState:
@@ -157,14 +226,24 @@ class FormationKeeping(Task):
             max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
-        limits = np.array(
-            [vehicle.control_period, vehicle.mean_motion, self.radius, self.slot_tolerance, self.keep_out,
-             self.range_limit, self.rate_limit, price]
-        )  # fmt: skip
+        parameters = Parameters(
+            period=vehicle.control_period,
+            mean_motion=vehicle.mean_motion,
+            radius=self.radius,
+            slot_tolerance=self.slot_tolerance,
+            keep_out=self.keep_out,
+            range_limit=self.range_limit,
+            rate_limit=self.rate_limit,
+            fuel_price=price,
+        )
         return FormationState(
-            fleet, FormationModel(axis_scale(vehicle), limits, Pilot.of(vehicle)), np.zeros(worlds),
-            np.zeros((worlds, self.craft, 6)), np.zeros((worlds, self.craft, _ACCOUNT)), np.zeros(worlds),
-        )  # fmt: skip
+            fleet,
+            FormationModel(axis_scale(vehicle), np.array(parameters), SlotPilot.of(vehicle)),
+            phase=np.zeros(worlds),
+            slots=np.zeros((worlds, self.craft, 6)),
+            statistics=np.zeros((worlds, self.craft, len(Statistics._fields))),
+            over=np.zeros(worlds),
+        )
 
     def reset(self, state: FormationState, which: NDArray[np.int64]) -> None:
         """Start near the slots, which begin at a random phase of the relative orbit."""
@@ -173,11 +252,11 @@ class FormationKeeping(Task):
             fleet.data,
             fleet.streams,
             which,
-            state.model.limits,
+            state.model.parameters,
             fleet.ellipses(),
             state.phase,
             state.slots,
-            state.account,
+            state.statistics,
             state.over,
         )
         fleet.look(which)
@@ -189,28 +268,39 @@ class FormationKeeping(Task):
         if commanded < self.craft:
             model.pilot.fly(fleet.data, state.slots, commanded, self.craft, fleet.worlds)
         fleet.fly()
-        ellipses = fleet.ellipses()
-        _judge(fleet.data, model.limits, ellipses, state.phase, state.slots, state.account, state.over)
+        _evaluate_step(
+            fleet.data, model.parameters, fleet.ellipses(), state.phase, state.slots, state.statistics,
+            state.over,
+        )  # fmt: skip
 
     def observe(self, state: FormationState) -> Observations:
         """(worlds, agents, observation_size)."""
         observations = np.empty((state.fleet.worlds, len(self.agents), self.observation_size), np.float32)
         _observe(
-            state.fleet.data, state.fleet.faults, state.model.limits, state.model.authority, state.slots,
-            state.account, self.observe_fault, self.action_size, observations,
+            state.fleet.data, state.fleet.faults, state.model.parameters, state.model.authority, state.slots,
+            state.statistics, self.observe_fault, self.action_size, observations,
         )  # fmt: skip
         return observations
 
     def outcome(self, state: FormationState) -> Outcome:
         """Terminates for all when a craft is lost."""
-        account = state.account[:, : len(self.agents)]
-        return Outcome(account[..., _TRACKING : _FUEL + 1], account[..., _COST], state.over)
+        agents = len(self.agents)
+        terms = state.statistics[:, :agents, : len(self.reward_terms)]
+        return Outcome(terms, state.episode.cost[:, :agents], state.over)
 
     def truth(self, state: FormationState) -> Truth:
         """The score is the share of steps in which the slot was kept; a collision cost rules success out."""
         fuel, score, success = np.empty((3, state.fleet.worlds, len(self.agents)))
-        _rate(state.fleet.data, state.account, state.over, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, state.over, fuel, score, success)
         return Truth(fuel, score, success)
+
+    def picture(self, frame: Frame) -> Picture:
+        """The craft with their slots."""
+        state: FormationState = frame.state
+        world = frame.world
+        slots, places = state.slots[world, :, :3], state.fleet.read(at.POSITION, 3)[world]
+        readouts = (distance(places[0], slots[0]), *fuel_and_score(frame))
+        return Picture(readouts=readouts, targets=slots)
 
 
 @njit
@@ -237,21 +327,22 @@ def _elliptic_slot(phase, radius, ellipse):
 
 
 @njit
-def _place_slots(world, phase, step, limits, ellipses, slots):
-    craft, n = slots.shape[0], limits[_MEAN_MOTION]
+def _place_slots(world, phase, step, parameters, ellipses, slots):
+    craft, n = slots.shape[0], parameters.mean_motion
     for c in range(craft):
         behind = phase + 2.0 * math.pi * c / craft
         if ellipses.shape[0] > 0:
             ellipse = open_ellipse(ellipses[world])
-            place_and_speed = _elliptic_slot(behind + ellipse.angle, limits[_RADIUS], ellipse)
+            place_and_speed = _elliptic_slot(behind + ellipse.angle, parameters.radius, ellipse)
         else:
-            place_and_speed = _slot(behind + n * step * limits[_PERIOD], limits[_RADIUS], n)
+            place_and_speed = _slot(behind + n * step * parameters.period, parameters.radius, n)
         for k in range(6):
             slots[c, k] = place_and_speed[k]
 
 
 @kernel
-def _start(data, streams, which, limits, ellipses, phase, slots, account, over):
+def _start(data, streams, which, numbers, ellipses, phase, slots, statistics, over):
+    parameters = _parameters(numbers)
     lanes, craft = data.shape[2], slots.shape[1]
     uniform = np.empty(16)
     for world in which:
@@ -261,27 +352,27 @@ def _start(data, streams, which, limits, ellipses, phase, slots, account, over):
             draw_start(streams, b, w, c, uniform)
             if c == 0:
                 phase[world] = 2.0 * math.pi * uniform[15]
-                _place_slots(world, phase[world], 0.0, limits, ellipses, slots[world])
+                _place_slots(world, phase[world], 0.0, parameters, ellipses, slots[world])
             for k in range(3):
                 data[b, at.POSITION + k, w] = slots[world, c, k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
                 data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (
                     2.0 * uniform[3 + k] - 1.0
                 )
             disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
-            for k in range(_ACCOUNT):
-                account[world, c, k] = 0.0
+            statistics[world, c] = 0.0
 
 
 @kernel
-def _judge(data, limits, ellipses, phase, slots, account, over):
+def _evaluate_step(data, numbers, ellipses, phase, slots, statistics, over):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft = data.shape[2], slots.shape[1]
     for world in range(slots.shape[0]):
         b, w = place(world, 0, craft, lanes)
-        _place_slots(world, phase[world], data[b, at.STEP, w], limits, ellipses, slots[world])
+        _place_slots(world, phase[world], data[b, at.STEP, w], parameters, ellipses, slots[world])
         bill = 0.0
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
-            bill += (data[b, at.OPEN_TIME, w] - account[world, c, _OPEN_TIME]) / craft
+            bill += (data[b, at.OPEN_TIME, w] - episode.open_time[world, c]) / craft
         for c in range(craft):
             b, w = place(world, c, craft, lanes)
             away = 0.0
@@ -302,38 +393,39 @@ def _judge(data, limits, ellipses, phase, slots, account, over):
                     for k in range(3):
                         distance += (data[b, at.POSITION + k, w] - data[b2, at.POSITION + k, w2]) ** 2
                     nearest = min(nearest, math.sqrt(distance))
-            account[world, c, _TRACKING] = -min(away / _POSITION, 1.0)
-            account[world, c, _ATTITUDE] = -0.5 * min(tilt, 1.0)
-            account[world, c, _FUEL] = -limits[_FUEL_PRICE] * bill
-            account[world, c, _COST] = max(0.0, 1.0 - nearest / limits[_KEEP_OUT])
-            account[world, c, _COLLISIONS] += account[world, c, _COST]
-            account[world, c, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
-            account[world, c, _KEPT] += 1.0 if away <= limits[_SLOT_BOX] else 0.0
+            episode.tracking[world, c] = -min(away / _POSITION, 1.0)
+            episode.attitude[world, c] = -0.5 * min(tilt, 1.0)
+            episode.fuel[world, c] = -parameters.fuel_price * bill
+            episode.cost[world, c] = max(0.0, 1.0 - nearest / parameters.keep_out)
+            episode.collisions[world, c] += episode.cost[world, c]
+            episode.open_time[world, c] = data[b, at.OPEN_TIME, w]
+            episode.kept[world, c] += 1.0 if away <= parameters.slot_tolerance else 0.0
             followed = data[b, at.LOST, w] == 0.0
-            if not (followed and away <= limits[_RANGE_LIMIT] and spinning <= limits[_RATE_LIMIT]):
+            if not (followed and away <= parameters.range_limit and spinning <= parameters.rate_limit):
                 over[world] = 1.0
 
 
 @kernel
-def _rate(data, account, over, fuel, score, success):
+def _rate(data, statistics, over, fuel, score, success):
     """Fuel, score and success of every agent, (worlds, agents) each."""
-    lanes, craft = data.shape[2], account.shape[1]
+    episode = _statistics(statistics)
+    lanes, craft = data.shape[2], statistics.shape[1]
     for world in range(score.shape[0]):
         for c in range(score.shape[1]):
             b, w = place(world, c, craft, lanes)
-            row = account[world, c]
-            kept = row[_KEPT] / max(data[b, at.STEP, w], 1.0)
-            fuel[world, c], score[world, c] = row[_OPEN_TIME], kept
-            success[world, c] = kept >= 0.8 and row[_COLLISIONS] == 0.0 and over[world] == 0.0
+            kept = episode.kept[world, c] / max(data[b, at.STEP, w], 1.0)
+            fuel[world, c], score[world, c] = episode.open_time[world, c], kept
+            success[world, c] = kept >= 0.8 and episode.collisions[world, c] == 0.0 and over[world] == 0.0
 
 
 @kernel
-def _observe(data, faults, limits, authority, slots, account, observe_fault, n, observations):
+def _observe(data, faults, numbers, authority, slots, statistics, observe_fault, n, observations):
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes, craft, m = data.shape[2], slots.shape[1], at.MEASURED
     for world in range(observations.shape[0]):
         mean = 0.0
         for c in range(craft):
-            mean += account[world, c, _OPEN_TIME] / craft
+            mean += episode.open_time[world, c] / craft
         for c in range(observations.shape[1]):
             b, w = place(world, c, craft, lanes)
             row = observations[world, c]
@@ -352,7 +444,7 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
             for k in range(6):
                 row[12 + n + k] = bounded(data[b, at.MEASURED_CHANGE + k, w] / authority[k], _BOUND)
                 row[18 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
-            row[24 + n] = bounded(account[world, c, _OPEN_TIME] / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
+            row[24 + n] = bounded(episode.open_time[world, c] / mean - 1.0, _BOUND) if mean > 0.0 else 0.0
             column = 25 + n
             for other in range(craft):
                 if other != c:
@@ -362,5 +454,5 @@ def _observe(data, faults, limits, authority, slots, account, observe_fault, n, 
                         row[column + k] = bounded(between / _BETWEEN, _BOUND)
                     column += 3
             if observe_fault:
-                start = data[b, at.STEP, w] * limits[_PERIOD]
-                write_oracle_view(faults, b, w, start, limits[_PERIOD], row, column)
+                start = data[b, at.STEP, w] * parameters.period
+                write_oracle_view(faults, b, w, start, parameters.period, row, column)

@@ -18,15 +18,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
 from thruster_envs.physics.attitude import (
     conjugate,
     exponential,
@@ -37,17 +39,9 @@ from thruster_envs.physics.attitude import (
 from thruster_envs.physics.disturbances import Disturbances, disturb
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.orbits import hill_acceleration
-from thruster_envs.tasks.access import (
-    attitude_error,
-    bounded,
-    draw_start,
-    place,
-    rate_error,
-    write_oracle_view,
-)
-from thruster_envs.tasks.approach_pilot import FACING, ApproachPilot, steer_one
+from thruster_envs.pilots.approach import FACING, ApproachPilot, open_law, steer_one
+from thruster_envs.tasks.access import bounded, draw_start, write_oracle_view
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -55,9 +49,12 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
     check_whole,
+    error_fields,
 )
+from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
 
 _BOUND = 5.0
 #: What observations are divided by: m, m/s, rad, rad/s.
@@ -79,35 +76,113 @@ _PATIENCE = 1.5
 
 # Columns of a sight: measured position, velocity, attitude, rate, measured and expected rate change.
 _SEEN, _EXPECTED, _SIGHT = 0, 19, 25
-# Columns of the account of an episode; first what the last step was worth.
-(
-    _CORRIDOR, _ATTITUDE, _FUEL, _PROGRESS, _CAPTURE, _COST, _POTENTIAL, _OPEN_TIME, _END, _SCORE, _OVER,
-    _SUCCESS, _ACCOUNT,
-) = range(13)  # fmt: skip
 #: How an episode ended.
 _RUNNING, _CAPTURED, _RETREATED, _TIMED_OUT, _MISSED, _LOST = range(6)
-# Entries of the limits.
-(
-    _PERIOD, _MEAN_MOTION, _STEPS, _DISTANCE, _OFFSET_LIMIT, _CLOSING_LIMIT, _LATERAL_LIMIT, _ANGLE_LIMIT,
-    _SPIN_LIMIT, _RATE_LIMIT, _REFERENCE, _NOMINAL, _SPEED, _DELAY,
-) = range(14)  # fmt: skip
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        mean_motion: rad/s.
+        steps: Control periods of an episode that runs to its end.
+        distance: Behind the target at the start, m.
+        offset_tolerance: What counts as captured: distance from the centre of the capture plane, m.
+        closing_tolerance: Speed towards the target, m/s.
+        lateral_tolerance: Speed across it, m/s.
+        attitude_tolerance: rad.
+        rate_tolerance: rad/s.
+        rate_limit: Body rate at which the chaser is lost, rad/s.
+        reference: Thruster-seconds of a nominal approach.
+        nominal: Duration of a nominal approach, s.
+        speed: At the start, m/s.
+        delay: Age of what is observed, control periods.
+    """
+
+    period: float
+    mean_motion: float
+    steps: float
+    distance: float
+    offset_tolerance: float
+    closing_tolerance: float
+    lateral_tolerance: float
+    attitude_tolerance: float
+    rate_tolerance: float
+    rate_limit: float
+    reference: float
+    nominal: float
+    speed: float
+    delay: float
+
+
+class Dispersion(NamedTuple):
+    """Half-widths of the truth about the description.
+
+    Attributes:
+        mass: As a share.
+        inertia: As a share.
+        thrust: As a share, of each thruster.
+        centre_of_mass: On each axis, m.
+    """
+
+    mass: float
+    inertia: float
+    thrust: float
+    centre_of_mass: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds,) each.
+
+    Attributes:
+        corridor: Term of the reward of the last step, and the next four likewise.
+        attitude: Likewise.
+        fuel: Likewise.
+        progress: Likewise.
+        capture: Likewise.
+        cost: Of the last step.
+        potential: Of the reward's progress.
+        open_time: Thruster-seconds since the reset.
+        end: How the episode ended.
+        score: 0..1.
+        over: 1 where the episode has come to its end.
+        success: 1 after a capture.
+    """
+
+    corridor: FloatArray
+    attitude: FloatArray
+    fuel: FloatArray
+    progress: FloatArray
+    capture: FloatArray
+    cost: FloatArray
+    potential: FloatArray
+    open_time: FloatArray
+    end: FloatArray
+    score: FloatArray
+    over: FloatArray
+    success: FloatArray
+
+
+_parameters, _dispersion = opener(Parameters), opener(Dispersion)
+_statistics = opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class ApproachModel:
-    """The configuration in numbers.
+    """The configuration in arrays.
 
     Attributes:
         authority: (6,), m/s and rad/s per period, infinite where there is none.
-        limits: (14,).
+        parameters: As :class:`Parameters` names them.
         pilot: The scripted one.
         disturbances: (5,), as :class:`~thruster_envs.physics.disturbances.Disturbances` gives them.
-        dispersion: (4,), half-widths of the truth: mass, inertia and thrust as shares, centre of mass in m.
+        dispersion: As :class:`Dispersion` names them.
         arms: (n, 3), where each thruster stands, m.
     """
 
     authority: FloatArray
-    limits: FloatArray
+    parameters: FloatArray
     pilot: ApproachPilot
     disturbances: FloatArray
     dispersion: FloatArray
@@ -116,26 +191,31 @@ class ApproachModel:
 
 @dataclass
 class ApproachState(TaskState):
-    """Arrays of a batch: sights on their way, the filter, the sky, the branch, the accounts."""
+    """Arrays of a batch."""
 
     model: ApproachModel
     sights: FloatArray  # (worlds, navigation_delay + 1, 25), oldest first
     estimate: FloatArray  # (worlds, 6), m and m/s, LVLH, at the time of the oldest sight
     sky: FloatArray  # (worlds, 2), argument of latitude at the start, direction of sunlight, turns
     branch: NDArray[np.int64]  # (worlds,), 0 the first set of thrusters, 1 the spare one
-    account: FloatArray  # (worlds, 13)
+    statistics: FloatArray  # (worlds, 12), as Statistics names its columns
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
 
     @cached_property
     def outcome(self) -> Outcome:
-        """Views of the account."""
-        account = self.account[:, np.newaxis]
-        return Outcome(account[..., _CORRIDOR : _CAPTURE + 1], account[..., _COST], self.account[:, _OVER])
+        """Views of the statistics."""
+        terms = self.statistics[:, np.newaxis, : len(MarsRendezvous.reward_terms)]
+        return Outcome(terms, self.episode.cost[:, np.newaxis], self.episode.over)
 
     @cached_property
     def truth(self) -> Truth:
-        """Views of the account."""
-        account = self.account[:, np.newaxis]
-        return Truth(account[..., _OPEN_TIME], account[..., _SCORE], account[..., _SUCCESS])
+        """Views of the statistics."""
+        episode = columns_of(Statistics, self.statistics[:, np.newaxis])
+        return Truth(episode.open_time, episode.score, episode.success)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,24 +314,40 @@ class MarsRendezvous(Task):
         return 2 * n + int(self.vehicle.spare_branch) if self.inhibit else n
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.vehicle.number_of_thrusters
-        valves: tuple[Feature, ...] = (Feature("whether each isolation valve is closed", n, 1.0, "1", 0.0),)
+        valves: tuple[Field, ...] = (
+            Field("closed", "whether each isolation valve is closed", n, lowest=0.0),
+        )
         if self.vehicle.spare_branch:
-            valves += (Feature("whether the spare branch is in use", 1, 1.0, "1", 0.0),)
+            valves += (Field("branch", "whether the spare branch is in use", 1, lowest=0.0),)
         return (
-            Feature("measured relative position, whole approach", 3, _BOUND, "distance at the start"),
-            Feature("measured relative position, close by", 3, _BOUND, f"{_NEAR:g} m"),
-            Feature("filtered relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
-            Feature("last open rates", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
+            Field(
+                "position",
+                "measured relative position, whole approach",
+                3,
+                "m",
+                self.distance,
+                reference="distance at the start",
+                bound=_BOUND,
+            ),
+            Field("near_position", "measured relative position, close by", 3, "m", _NEAR, bound=_BOUND),
+            Field("velocity", "filtered relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time_to_go",
+                "time to go",
+                1,
+                "s",
+                self.steps * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("duties", "last open rates", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
             *(valves if self.inhibit else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> ApproachState:
@@ -263,22 +359,35 @@ class MarsRendezvous(Task):
         return ApproachState(
             fleet, self._model(), np.zeros((worlds, self.navigation_delay + 1, _SIGHT)),
             np.zeros((worlds, 6)), np.zeros((worlds, 2)), np.zeros(worlds, np.int64),
-            np.zeros((worlds, _ACCOUNT)),
+            np.zeros((worlds, len(Statistics._fields))),
         )  # fmt: skip
 
     def _model(self) -> ApproachModel:
         vehicle = self.vehicle
         nominal = self.distance / self._speed
         idle = 0.1 * vehicle.number_of_thrusters * nominal
-        limits = (
-            vehicle.control_period, vehicle.mean_motion, float(self.steps), self.distance,
-            self.offset_tolerance, self.closing_tolerance, self.lateral_tolerance, self.attitude_tolerance,
-            self.rate_tolerance, self.rate_limit, idle, nominal, self._speed, float(self.navigation_delay),
-        )  # fmt: skip
-        dispersion = self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
+        parameters = Parameters(
+            period=vehicle.control_period,
+            mean_motion=vehicle.mean_motion,
+            steps=float(self.steps),
+            distance=self.distance,
+            offset_tolerance=self.offset_tolerance,
+            closing_tolerance=self.closing_tolerance,
+            lateral_tolerance=self.lateral_tolerance,
+            attitude_tolerance=self.attitude_tolerance,
+            rate_tolerance=self.rate_tolerance,
+            rate_limit=self.rate_limit,
+            reference=idle,
+            nominal=nominal,
+            speed=self._speed,
+            delay=float(self.navigation_delay),
+        )
+        dispersion = Dispersion(
+            self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
+        )
         numbers = Disturbances().numbers(vehicle)
         return ApproachModel(
-            axis_scale(vehicle), np.array(limits), self._pilot,
+            axis_scale(vehicle), np.array(parameters), self._pilot,
             numbers if self.disturbances else np.zeros_like(numbers), np.array(dispersion),
             np.array([thruster.position for thruster in vehicle.thrusters]),
         )  # fmt: skip
@@ -287,25 +396,26 @@ class MarsRendezvous(Task):
         """Start behind the target, closing at the speed of the approach, nearly aligned."""
         fleet, model = state.fleet, state.model
         _start(
-            fleet.data, fleet.streams, fleet.rows.columns, which, model.limits, model.dispersion, model.arms,
-            state.sky, state.branch, state.account,
+            fleet.data, fleet.streams, fleet.rows.columns, which, model.parameters, model.dispersion,
+            model.arms, state.sky, state.branch, state.statistics,
         )  # fmt: skip
         fleet.look(which)
-        _first_sight(fleet.data, which, model.limits, state.sights, state.estimate)
+        _first_sight(fleet.data, which, model.parameters, state.sights, state.estimate)
 
     def step(self, state: ApproachState, actions: FloatArray) -> None:
         """Hear the command, and fly one period."""
         fleet, model = state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _command(
-                fleet.data, fleet.faults, actions, fleet.rows.pending, fleet.rows.inhibited, state.branch,
-                model.limits, model.disturbances, state.sky, fleet.rows.push, first, last,
+                fleet.data, fleet.faults, actions,
+                (fleet.rows.pending, fleet.rows.inhibited, fleet.rows.push), state.branch,
+                model.parameters, model.disturbances, state.sky, first, last,
             )
         )  # fmt: skip
         fleet.fly()
         fleet.by_worlds(
-            lambda first, last: _judge(
-                fleet.data, model.limits, state.sights, state.estimate, state.account, first, last
+            lambda first, last: _evaluate_step(
+                fleet.data, model.parameters, state.sights, state.estimate, state.statistics, first, last
             )
         )
 
@@ -315,9 +425,9 @@ class MarsRendezvous(Task):
         rows, fleet, model = observations[:, 0], state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _observe(
-                fleet.data, fleet.faults, model.limits, model.authority, state.sights, state.estimate,
-                state.branch, fleet.rows.inhibited, fleet.rows.thrusters, self.inhibit,
-                self.vehicle.spare_branch, self.observe_fault, rows, first, last,
+                fleet.data, fleet.faults, model.parameters, model.authority,
+                (state.sights, state.estimate, state.branch), (fleet.rows.inhibited, fleet.rows.thrusters),
+                (self.inhibit, self.vehicle.spare_branch, self.observe_fault), rows, first, last,
             )
         )  # fmt: skip
         return observations
@@ -332,7 +442,7 @@ class MarsRendezvous(Task):
 
     def report(self, state: ApproachState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the approach ended, whether without danger to the target, its branch, what truly is."""
-        end = state.account[:, _END : _END + 1]
+        end = state.episode.end[:, np.newaxis]
         return {
             "approach": {
                 "retreated": end == _RETREATED,
@@ -343,13 +453,33 @@ class MarsRendezvous(Task):
             }
         }
 
+    def picture(self, frame: Frame) -> Picture:
+        """The chaser in its corridor, closed valves, the branch where there are two, and how it ended."""
+        state: ApproachState = frame.state
+        world, info = frame.world, frame.info
+        fleet, approach = state.fleet, info["approach"]
+        place = fleet.read(at.POSITION, 3)[world, 0]
+        branches = self.inhibit and self.vehicle.spare_branch
+        branch = (("branch", "AB"[int(approach["branch"][world, 0])]),) if branches else ()
+        ends = (
+            ("captured", info["success"]),
+            ("retreated", approach["retreated"]),
+            ("missed or lost", ~approach["safe"]),
+        )
+        end = tuple(("end", name) for name, reached in ends if reached[world, 0])
+        return Picture(
+            readouts=(distance(place, np.zeros(3)), *branch, *end, *fuel_and_score(frame)),
+            closed=fleet.read(fleet.rows.inhibited, self.vehicle.number_of_thrusters)[world] > 0.0,
+            corridor=np.array([(along, corridor_half_width(along)) for along in (-2.0 * self.distance, 0.0)]),
+        )
+
     def pilot_actions(self, state: ApproachState) -> FloatArray:
         """Actions (worlds, 1, action_size), -1..1, of the scripted pilot, which leaves all valves open."""
         fleet, model = state.fleet, state.model
         actions = np.full((fleet.worlds, 1, self.action_size), -1.0)
         fleet.by_worlds(
             lambda first, last: _pilot(
-                fleet.data, model.limits, state.sights, state.estimate, model.pilot.inverse,
+                fleet.data, model.parameters, state.sights, state.estimate, model.pilot.inverse,
                 model.pilot.inertia, model.pilot.law, actions, first, last,
             )
         )  # fmt: skip
@@ -368,8 +498,9 @@ def _length(v):
 
 
 @kernel
-def _start(data, streams, columns, which, limits, dispersion, arms, sky, branch, account):
-    """Disperse the chaser about its start and its truth about the description, and open the account."""
+def _start(data, streams, columns, which, numbers, half_widths, arms, sky, branch, statistics):
+    """Disperse the chaser about its start and its truth about the description, and begin its statistics."""
+    parameters, dispersion, episode = _parameters(numbers), _dispersion(half_widths), _statistics(statistics)
     lanes, n = data.shape[2], arms.shape[0]
     uniform = np.empty(8 * ((20 + n + 7) // 8))
     for world in which:
@@ -379,48 +510,48 @@ def _start(data, streams, columns, which, limits, dispersion, arms, sky, branch,
         for k in range(3):
             data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[2 + k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[5 + k] - 1.0)
-        data[b, at.POSITION + 1, w] -= limits[_DISTANCE]
-        data[b, at.VELOCITY + 1, w] += limits[_SPEED]
+        data[b, at.POSITION + 1, w] -= parameters.distance
+        data[b, at.VELOCITY + 1, w] += parameters.speed
         half = 0.5 * _DISPERSION[2]
         tilt = exponential(
             half * (2.0 * uniform[8] - 1.0), half * (2.0 * uniform[9] - 1.0), half * (2.0 * uniform[10] - 1.0)
         )
         q = quaternion_product(tilt, FACING)
-        frame = rotate(q, (0.0, 0.0, limits[_MEAN_MOTION]))
+        frame = rotate(q, (0.0, 0.0, parameters.mean_motion))
         for k in range(4):
             data[b, at.ATTITUDE + k, w] = q[k]
         for k in range(3):
             data[b, at.RATE + k, w] = frame[k] + _DISPERSION[3] * (2.0 * uniform[11 + k] - 1.0)
-        data[b, at.MASS, w] *= 1.0 + dispersion[0] * (2.0 * uniform[14] - 1.0)
-        inertia = 1.0 + dispersion[1] * (2.0 * uniform[15] - 1.0)
+        data[b, at.MASS, w] *= 1.0 + dispersion.mass * (2.0 * uniform[14] - 1.0)
+        inertia = 1.0 + dispersion.inertia * (2.0 * uniform[15] - 1.0)
         for i in range(n):
             row = columns + 6 * i
-            gain = 1.0 + dispersion[2] * (2.0 * uniform[20 + i] - 1.0)
+            gain = 1.0 + dispersion.thrust * (2.0 * uniform[20 + i] - 1.0)
             f = np.empty(3)
             arm = np.empty(3)
             for k in range(3):
                 f[k] = data[b, row + k, w]
-                arm[k] = arms[i, k] - dispersion[3] * (2.0 * uniform[16 + k] - 1.0)
+                arm[k] = arms[i, k] - dispersion.centre_of_mass * (2.0 * uniform[16 + k] - 1.0)
             for k in range(3):
                 j, m = (k + 1) % 3, (k + 2) % 3
                 data[b, row + k, w] = gain * f[k]
                 data[b, row + 3 + k, w] = gain / inertia * (arm[j] * f[m] - arm[m] * f[j])
         branch[world] = 0
-        for k in range(_ACCOUNT):
-            account[world, k] = 0.0
-        account[world, _POTENTIAL] = _potential(data, b, w, limits)
+        statistics[world] = 0.0
+        episode.potential[world] = _potential(data, b, w, parameters)
 
 
 @njit
-def _potential(data, b, w, limits):
+def _potential(data, b, w, parameters):
     """Minus the distance to the target, in shares of that at the start."""
     r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
-    return -_length(r) / limits[_DISTANCE]
+    return -_length(r) / parameters.distance
 
 
 @kernel
-def _first_sight(data, which, limits, sights, estimate):
+def _first_sight(data, which, numbers, sights, estimate):
     """Fill the way of the sights with the first one, and begin the filter at the speed of the approach."""
+    parameters = _parameters(numbers)
     lanes = data.shape[2]
     for world in which:
         b, w = place(world, 0, 1, lanes)
@@ -429,22 +560,21 @@ def _first_sight(data, which, limits, sights, estimate):
                 sights[world, age, k] = data[b, at.MEASURED + k, w]
         for k in range(3):
             estimate[world, k] = data[b, at.MEASURED + k, w]
-            estimate[world, 3 + k] = limits[_SPEED] if k == 1 else 0.0
+            estimate[world, 3 + k] = parameters.speed if k == 1 else 0.0
 
 
 @kernel(nogil=True)
-def _command(
-    data, faults, actions, pending, inhibited, branch, limits, disturbances, sky, push, first, last
-):  # fmt: skip
+def _command(data, faults, actions, rows, branch, numbers, disturbances, sky, first, last):
     """Write open rates, isolation valves and disturbances, and go over to the spare branch where asked."""
+    parameters, (pending, inhibited, push) = _parameters(numbers), rows
     lanes, n = data.shape[2], push - inhibited
-    turns = limits[_MEAN_MOTION] / (2.0 * math.pi)
+    turns = parameters.mean_motion / (2.0 * math.pi)
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         action = actions[world, 0]
         for i in range(n):
             data[b, at.DUTIES + i, w] = action[i]
-        time = data[b, at.STEP, w] * limits[_PERIOD]
+        time = data[b, at.STEP, w] * parameters.period
         if action.shape[0] > n:
             for i in range(n):
                 data[b, inhibited + i, w] = 1.0 if action[n + i] > 0.5 else 0.0
@@ -461,9 +591,10 @@ def _command(
 
 
 @kernel(nogil=True)
-def _judge(data, limits, sights, estimate, account, first, last):
-    """Let the sights grow older, filter, and account for the period that has passed."""
-    lanes, n = data.shape[2], limits[_MEAN_MOTION]
+def _evaluate_step(data, numbers, sights, estimate, statistics, first, last):
+    """Let the sights grow older, filter, and evaluate the period that has passed."""
+    parameters, episode = _parameters(numbers), _statistics(statistics)
+    lanes, n = data.shape[2], parameters.mean_motion
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         ages = sights.shape[1]
@@ -472,8 +603,8 @@ def _judge(data, limits, sights, estimate, account, first, last):
                 sights[world, age, k] = sights[world, age + 1, k]
         for k in range(_SIGHT):
             sights[world, ages - 1, k] = data[b, at.MEASURED + k, w]
-        if data[b, at.STEP, w] > limits[_DELAY]:
-            _filter(sights[world, 0], limits, estimate[world])
+        if data[b, at.STEP, w] > parameters.delay:
+            _filter(sights[world, 0], parameters, estimate[world])
         r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
         v = (data[b, 3, w], data[b, 4, w], data[b, 5, w])
         q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
@@ -486,37 +617,37 @@ def _judge(data, limits, sights, estimate, account, first, last):
         free = corridor_half_width(r[1])
         captured = (
             r[1] >= 0.0
-            and offset <= limits[_OFFSET_LIMIT]
-            and 0.0 < v[1] <= limits[_CLOSING_LIMIT]
-            and across <= limits[_LATERAL_LIMIT]
-            and angle <= limits[_ANGLE_LIMIT]
-            and spin <= limits[_SPIN_LIMIT]
+            and offset <= parameters.offset_tolerance
+            and 0.0 < v[1] <= parameters.closing_tolerance
+            and across <= parameters.lateral_tolerance
+            and angle <= parameters.attitude_tolerance
+            and spin <= parameters.rate_tolerance
         )
         end = _RUNNING
-        followed = data[b, at.LOST, w] == 0.0 and spin <= limits[_RATE_LIMIT]
+        followed = data[b, at.LOST, w] == 0.0 and spin <= parameters.rate_limit
         if not followed or (distance < _KEEP_OUT and offset > free):
             end = _LOST
         elif r[1] >= 0.0:
             end = _CAPTURED if captured else _MISSED
-        elif distance >= limits[_DISTANCE] + _RETREAT:
+        elif distance >= parameters.distance + _RETREAT:
             end = _RETREATED
-        elif data[b, at.STEP, w] >= limits[_STEPS]:
+        elif data[b, at.STEP, w] >= parameters.steps:
             end = _TIMED_OUT
-        share = limits[_PERIOD] / limits[_NOMINAL]
-        potential = -distance / limits[_DISTANCE]
-        fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
-        account[world, _CORRIDOR] = -_CORRIDOR_PRICE * share * min(offset / _OFFSET_SCALE, 1.0)
-        account[world, _ATTITUDE] = -_ATTITUDE_PRICE * share * min(angle / _ANGLE_SCALE, 1.0)
-        account[world, _FUEL] = -_FUEL_PRICE * fired / limits[_REFERENCE]
-        account[world, _PROGRESS] = potential - account[world, _POTENTIAL]
-        account[world, _CAPTURE] = 1.0 if end == _CAPTURED else (-1.0 if end >= _MISSED else 0.0)
-        account[world, _COST] = max(0.0, offset / free - 1.0) if distance <= limits[_DISTANCE] else 0.0
-        account[world, _POTENTIAL] = potential
-        account[world, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
-        account[world, _END] = end
-        account[world, _OVER] = 1.0 if end > _RUNNING else 0.0
-        account[world, _SUCCESS] = 1.0 if end == _CAPTURED else 0.0
-        economy = min(1.0, limits[_REFERENCE] / max(data[b, at.OPEN_TIME, w], 1e-9))
+        share = parameters.period / parameters.nominal
+        potential = -distance / parameters.distance
+        fired = data[b, at.OPEN_TIME, w] - episode.open_time[world]
+        episode.corridor[world] = -_CORRIDOR_PRICE * share * min(offset / _OFFSET_SCALE, 1.0)
+        episode.attitude[world] = -_ATTITUDE_PRICE * share * min(angle / _ANGLE_SCALE, 1.0)
+        episode.fuel[world] = -_FUEL_PRICE * fired / parameters.reference
+        episode.progress[world] = potential - episode.potential[world]
+        episode.capture[world] = 1.0 if end == _CAPTURED else (-1.0 if end >= _MISSED else 0.0)
+        episode.cost[world] = max(0.0, offset / free - 1.0) if distance <= parameters.distance else 0.0
+        episode.potential[world] = potential
+        episode.open_time[world] = data[b, at.OPEN_TIME, w]
+        episode.end[world] = end
+        episode.over[world] = 1.0 if end > _RUNNING else 0.0
+        episode.success[world] = 1.0 if end == _CAPTURED else 0.0
+        economy = min(1.0, parameters.reference / max(data[b, at.OPEN_TIME, w], 1e-9))
         score = 0.25 * max(0.0, 1.0 + potential)
         if end == _CAPTURED:
             score = 0.5 + 0.5 * economy
@@ -524,17 +655,17 @@ def _judge(data, limits, sights, estimate, account, first, last):
             score = 0.25
         elif end >= _MISSED:
             score = 0.0
-        account[world, _SCORE] = score
+        episode.score[world] = score
 
 
 @njit
-def _filter(sight, limits, estimate):
+def _filter(sight, parameters, estimate):
     """One step of the alpha-beta filter, driven by the rate change expected of the nominal vehicle."""
-    period = limits[_PERIOD]
+    period = parameters.period
     q = (sight[6], sight[7], sight[8], sight[9])
     given = rotate_back(q, (sight[_EXPECTED], sight[_EXPECTED + 1], sight[_EXPECTED + 2]))
     r = (estimate[0], estimate[1], estimate[2])
-    free = hill_acceleration(r, (estimate[3], estimate[4], estimate[5]), limits[_MEAN_MOTION])
+    free = hill_acceleration(r, (estimate[3], estimate[4], estimate[5]), parameters.mean_motion)
     for k in range(3):
         change = given[k] + period * free[k]
         ahead = estimate[k] + period * (estimate[3 + k] + 0.5 * change)
@@ -544,13 +675,14 @@ def _filter(sight, limits, estimate):
 
 
 @kernel(nogil=True)
-def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first, last):
+def _pilot(data, numbers, sights, estimate, inverse, inertia, law_numbers, actions, first, last):
     """Open rates of the scripted pilot, as actions."""
+    parameters, law = _parameters(numbers), open_law(law_numbers)
     lanes, n = data.shape[2], inverse.shape[0]
     sight, duties = np.empty(13), np.empty(n)
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
-        time = limits[_PERIOD] * max(data[b, at.STEP, w] - limits[_DELAY], 0.0)
+        time = parameters.period * max(data[b, at.STEP, w] - parameters.delay, 0.0)
         for k in range(6):
             sight[k] = estimate[world, k]
         for k in range(6, 13):
@@ -561,24 +693,26 @@ def _pilot(data, limits, sights, estimate, inverse, inertia, law, actions, first
 
 
 @kernel(nogil=True)
-def _observe(
-    data, faults, limits, authority, sights, estimate, branch, inhibited, n, inhibit, spare, observe_fault,
-    observations, first, last,
-):  # fmt: skip
+def _observe(data, faults, numbers, authority, navigation, valves, shown, observations, first, last):
+    """Write observations of what navigation says, of the valves, and of faults where that is shown."""
+    sights, estimate, branch = navigation
+    inhibited, n = valves
+    inhibit, spare, observe_fault = shown
+    parameters = _parameters(numbers)
     lanes = data.shape[2]
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         row, sight = observations[world], sights[world, 0]
         q = (sight[6], sight[7], sight[8], sight[9])
         angle = attitude_error(quaternion_product(q, conjugate(FACING)))
-        rate = rate_error(q, (sight[10], sight[11], sight[12]), (0.0, 0.0, limits[_MEAN_MOTION]))
+        rate = rate_error(q, (sight[10], sight[11], sight[12]), (0.0, 0.0, parameters.mean_motion))
         for k in range(3):
-            row[k] = bounded(sight[k] / limits[_DISTANCE], _BOUND)
+            row[k] = bounded(sight[k] / parameters.distance, _BOUND)
             row[3 + k] = bounded(sight[k] / _NEAR, _BOUND)
             row[6 + k] = bounded(estimate[world, 3 + k] / _VELOCITY, _BOUND)
             row[9 + k] = bounded(angle[k] / _ANGLE, _BOUND)
             row[12 + k] = bounded(rate[k] / _RATE, _BOUND)
-        row[15] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
+        row[15] = max(0.0, 1.0 - data[b, at.STEP, w] / parameters.steps)
         for i in range(n):
             row[16 + i] = data[b, at.DUTIES + i, w]
         for k in range(6):
@@ -593,4 +727,6 @@ def _observe(
                 row[used] = branch[world]
                 used += 1
         if observe_fault:
-            write_oracle_view(faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, used)
+            write_oracle_view(
+                faults, b, w, data[b, at.STEP, w] * parameters.period, parameters.period, row, used
+            )

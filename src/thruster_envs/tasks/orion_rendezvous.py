@@ -11,29 +11,33 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import (
+    attitude_error,
+    columns_of,
+    opener,
+    place,
+    rate_error,
+    turning_of_frame,
+)
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.orbits import open_ellipse
 from thruster_envs.tasks.access import (
-    attitude_error,
     bounded,
     command_duties,
     disperse_attitude,
     draw_start,
-    place,
-    rate_error,
-    turning_of_frame,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -41,7 +45,9 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
     check_positive,
+    error_fields,
 )
 from thruster_envs.tasks.shaping import delta_v_to_go, elliptic_delta_v_to_go
 
@@ -50,49 +56,109 @@ _BOUND = 5.0
 _POSITION, _VELOCITY, _ANGLE, _RATE = 300.0, 0.5, 0.5, 0.05
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
 _DISPERSION = (5.0, 0.005, math.radians(5.0), 1e-3)
-# Columns of the account of an episode.
-# (the fuel is that of the last step, the open time that of the episode)
-_POTENTIAL, _OPEN_TIME, _FUEL, _PROGRESS, _ARRIVAL, _COST, _OVER, _SCORE, _SUCCESS, _ACCOUNT = range(10)
 
 
-# Entries of the limits.
-(
-    _PERIOD, _MEAN_MOTION, _STEPS, _THRUST, _LEVER, _REFERENCE, _POSITION_BOX, _VELOCITY_BOX, _ATTITUDE_BOX,
-    _RATE_BOX, _RANGE_LIMIT, _RATE_LIMIT, _RATE_SOFT_LIMIT, _DISTANCE,
-) = range(14)  # fmt: skip
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        mean_motion: rad/s.
+        steps: Control periods of an episode.
+        acceleration: Of one thruster, the mean of all, m/s^2.
+        lever: What a rad/s is worth in m/s.
+        reference: What the mission costs, m/s.
+        position_tolerance: Half-size of the terminal box: distance, m.
+        velocity_tolerance: m/s.
+        attitude_tolerance: rad.
+        rate_tolerance: rad/s.
+        range_limit: Distance at which the episode ends as a failure, m.
+        rate_limit: Body rate at which it does, rad/s.
+        rate_soft_limit: Body rate from which on there is a cost, rad/s.
+        distance: To the target at the start, m.
+    """
+
+    period: float
+    mean_motion: float
+    steps: float
+    acceleration: float
+    lever: float
+    reference: float
+    position_tolerance: float
+    velocity_tolerance: float
+    attitude_tolerance: float
+    rate_tolerance: float
+    range_limit: float
+    rate_limit: float
+    rate_soft_limit: float
+    distance: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds,) each.
+
+    Attributes:
+        fuel: Term of the reward of the last step, and the next two likewise.
+        progress: Likewise.
+        arrival: Likewise.
+        cost: Of the last step.
+        over: 1 where the episode has come to its end.
+        score: 0..1.
+        success: 1 in the terminal box.
+        open_time: Thruster-seconds since the reset.
+        potential: Of the reward's progress.
+    """
+
+    fuel: FloatArray
+    progress: FloatArray
+    arrival: FloatArray
+    cost: FloatArray
+    over: FloatArray
+    score: FloatArray
+    success: FloatArray
+    open_time: FloatArray
+    potential: FloatArray
+
+
+_parameters, _statistics = opener(Parameters), opener(Statistics, columns=True)
 
 
 @dataclass(frozen=True)
 class RendezvousModel:
-    """The configuration in numbers.
+    """The configuration in arrays.
 
     Attributes:
         authority: (6,), m/s and rad/s per period, infinite where there is none.
-        limits: (14,).
+        parameters: As :class:`Parameters` names them.
     """
 
     authority: FloatArray
-    limits: FloatArray
+    parameters: FloatArray
 
 
 @dataclass
 class RendezvousState(TaskState):
-    """Arrays of a batch: the account of each episode."""
+    """Arrays of a batch."""
 
     model: RendezvousModel
-    account: FloatArray  # (worlds, 10)
+    statistics: FloatArray  # (worlds, 9), as Statistics names its columns
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
 
     @cached_property
     def outcome(self) -> Outcome:
-        """Views of the account."""
-        account = self.account[:, np.newaxis]
-        return Outcome(account[..., _FUEL : _ARRIVAL + 1], account[..., _COST], self.account[:, _OVER])
+        """Views of the statistics."""
+        terms = self.statistics[:, np.newaxis, : len(OrionRendezvous.reward_terms)]
+        return Outcome(terms, self.episode.cost[:, np.newaxis], self.episode.over)
 
     @cached_property
     def truth(self) -> Truth:
-        """Views of the account."""
-        account = self.account[:, np.newaxis]
-        return Truth(account[..., _OPEN_TIME], account[..., _SCORE], account[..., _SUCCESS])
+        """Views of the statistics."""
+        episode = columns_of(Statistics, self.statistics[:, np.newaxis])
+        return Truth(episode.open_time, episode.score, episode.success)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,19 +210,25 @@ class OrionRendezvous(Task):
         return max(1, round(duration / self.vehicle.control_period))
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("measured relative position", 3, _BOUND, f"{_POSITION:g} m"),
-            Feature("measured relative velocity", 3, _BOUND, f"{_VELOCITY:g} m/s"),
-            Feature("measured attitude error", 3, _BOUND, f"{_ANGLE:g} rad"),
-            Feature("measured rate error", 3, _BOUND, f"{_RATE:g} rad/s"),
-            Feature("time to go", 1, 1.0, "length of the episode", 0.0),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            *self.oracle_features(),
+            Field("position", "measured relative position", 3, "m", _POSITION, bound=_BOUND),
+            Field("velocity", "measured relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
+            *error_fields(_ANGLE, _RATE, _BOUND),
+            Field(
+                "time_to_go",
+                "time to go",
+                1,
+                "s",
+                self.steps * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            *self.oracle_fields(),
         )
 
     def create(self, worlds: int, threads: int | None) -> RendezvousState:
@@ -165,7 +237,8 @@ class OrionRendezvous(Task):
             self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
             max_substep=self.max_substep, threads=threads,
         )  # fmt: skip
-        return RendezvousState(fleet, self._model(fleet.ellipses()), np.zeros((worlds, _ACCOUNT)))
+        statistics = np.zeros((worlds, len(Statistics._fields)))
+        return RendezvousState(fleet, self._model(fleet.ellipses()), statistics)
 
     def _model(self, ellipses: FloatArray) -> RendezvousModel:
         vehicle = self.vehicle
@@ -178,20 +251,30 @@ class OrionRendezvous(Task):
         reference = max(
             _delta_v(start, at_rest, duration, vehicle.mean_motion, ellipses, 0) for start in starts
         )
-        limits = (
-            vehicle.control_period, vehicle.mean_motion, float(self.steps), thrust / vehicle.mass, lever,
-            reference,
-            self.position_tolerance, self.velocity_tolerance, self.attitude_tolerance, self.rate_tolerance,
-            self.range_limit, self.rate_limit, self.rate_soft_limit, math.hypot(*self.start),
-        )  # fmt: skip
-        return RendezvousModel(axis_scale(vehicle), np.array(limits))
+        parameters = Parameters(
+            period=vehicle.control_period,
+            mean_motion=vehicle.mean_motion,
+            steps=float(self.steps),
+            acceleration=thrust / vehicle.mass,
+            lever=lever,
+            reference=reference,
+            position_tolerance=self.position_tolerance,
+            velocity_tolerance=self.velocity_tolerance,
+            attitude_tolerance=self.attitude_tolerance,
+            rate_tolerance=self.rate_tolerance,
+            range_limit=self.range_limit,
+            rate_limit=self.rate_limit,
+            rate_soft_limit=self.rate_soft_limit,
+            distance=math.hypot(*self.start),
+        )
+        return RendezvousModel(axis_scale(vehicle), np.array(parameters))
 
     def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
         fleet = state.fleet
         _start(
-            fleet.data, fleet.streams, which, np.array(self.start), state.model.limits, fleet.ellipses(),
-            state.account,
+            fleet.data, fleet.streams, which, np.array(self.start), state.model.parameters,
+            fleet.ellipses(), state.statistics,
         )  # fmt: skip
         fleet.look(which)
 
@@ -201,8 +284,8 @@ class OrionRendezvous(Task):
         state.fleet.fly()
         ellipses = state.fleet.ellipses()
         state.fleet.by_worlds(
-            lambda first, last: _judge(
-                state.fleet.data, state.model.limits, ellipses, state.account, first, last
+            lambda first, last: _evaluate_step(
+                state.fleet.data, state.model.parameters, ellipses, state.statistics, first, last
             )
         )
 
@@ -212,7 +295,14 @@ class OrionRendezvous(Task):
         rows, fleet, model = observations[:, 0], state.fleet, state.model
         fleet.by_worlds(
             lambda first, last: _observe(
-                fleet.data, fleet.faults, model.limits, model.authority, self.observe_fault, rows, first, last
+                fleet.data,
+                fleet.faults,
+                model.parameters,
+                model.authority,
+                self.observe_fault,
+                rows,
+                first,
+                last,
             )
         )
         return observations
@@ -235,13 +325,13 @@ def _delta_v(r, v, time_to_go, n, ellipses, world):
 
 
 @njit
-def _potential(r, v, angle, rate, time_to_go, limits, ellipses, world):
+def _potential(r, v, angle, rate, time_to_go, parameters, ellipses, world):
     """Minus what is still to be paid over what the mission costs; attitude errors at their worth in m/s."""
-    translation = _delta_v(r, v, time_to_go, limits[_MEAN_MOTION], ellipses, world)
+    translation = _delta_v(r, v, time_to_go, parameters.mean_motion, ellipses, world)
     attitude = 0.0
     for k in range(3):
         attitude += abs(rate[k]) + abs(angle[k]) / _SLEW_TIME
-    return -(translation + limits[_LEVER] * attitude) / limits[_REFERENCE]
+    return -(translation + parameters.lever * attitude) / parameters.reference
 
 
 #: Seconds in which an attitude error is taken to be turned away, in the potential.
@@ -264,8 +354,9 @@ def _length(v):
 
 
 @kernel
-def _start(data, streams, which, start, limits, ellipses, account):
-    """Disperse the craft about the start, uniformly in a box, and open the account."""
+def _start(data, streams, which, start, numbers, ellipses, statistics):
+    """Disperse the craft about the start, uniformly in a box, and begin its statistics."""
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes = data.shape[2]
     uniform = np.empty(16)
     for world in which:
@@ -275,50 +366,51 @@ def _start(data, streams, which, start, limits, ellipses, account):
             data[b, at.POSITION + k, w] = start[k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
             data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
         disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
-        for k in range(_ACCOUNT):
-            account[world, k] = 0.0
+        statistics[world] = 0.0
         r, v, angle, rate = _true_errors(data, b, w)
-        duration = limits[_STEPS] * limits[_PERIOD]
-        account[world, _POTENTIAL] = _potential(r, v, angle, rate, duration, limits, ellipses, world)
+        duration = parameters.steps * parameters.period
+        episode.potential[world] = _potential(r, v, angle, rate, duration, parameters, ellipses, world)
 
 
 @kernel(nogil=True)
-def _judge(data, limits, ellipses, account, first, last):
-    """Account for the period that has passed, in the worlds from ``first`` to ``last`` (exclusive)."""
+def _evaluate_step(data, numbers, ellipses, statistics, first, last):
+    """Evaluate the period that has passed, in the worlds from ``first`` to ``last`` (exclusive)."""
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     lanes = data.shape[2]
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         r, v, angle, rate = _true_errors(data, b, w)
-        to_go = limits[_STEPS] - data[b, at.STEP, w]
-        time_to_go = to_go * limits[_PERIOD]
-        potential = _potential(r, v, angle, rate, time_to_go, limits, ellipses, world)
-        fired = data[b, at.OPEN_TIME, w] - account[world, _OPEN_TIME]
+        to_go = parameters.steps - data[b, at.STEP, w]
+        time_to_go = to_go * parameters.period
+        potential = _potential(r, v, angle, rate, time_to_go, parameters, ellipses, world)
+        fired = data[b, at.OPEN_TIME, w] - episode.open_time[world]
         distance, spin = _length(r), _length(rate)
         followed = data[b, at.LOST, w] == 0.0
-        lost = not (followed and distance <= limits[_RANGE_LIMIT] and spin <= limits[_RATE_LIMIT])
+        lost = not (followed and distance <= parameters.range_limit and spin <= parameters.rate_limit)
         inside = (
             followed
-            and distance <= limits[_POSITION_BOX]
-            and _length(v) <= limits[_VELOCITY_BOX]
-            and _length(angle) <= limits[_ATTITUDE_BOX]
-            and spin <= limits[_RATE_BOX]
+            and distance <= parameters.position_tolerance
+            and _length(v) <= parameters.velocity_tolerance
+            and _length(angle) <= parameters.attitude_tolerance
+            and spin <= parameters.rate_tolerance
         )
-        account[world, _FUEL] = -fired * limits[_THRUST] / limits[_REFERENCE]
-        account[world, _PROGRESS] = potential - account[world, _POTENTIAL]
-        account[world, _ARRIVAL] = -1.0 if lost else (1.0 if inside and to_go <= 0.0 else 0.0)
-        account[world, _COST] = max(0.0, spin / limits[_RATE_SOFT_LIMIT] - 1.0)
-        account[world, _OVER] = 1.0 if lost or to_go <= 0.0 else 0.0
-        account[world, _OPEN_TIME] = data[b, at.OPEN_TIME, w]
-        account[world, _POTENTIAL] = potential
-        spent = data[b, at.OPEN_TIME, w] * limits[_THRUST]
-        economy = min(1.0, limits[_REFERENCE] / spent) if spent > 0.0 else 1.0
-        gained = max(0.0, 1.0 - distance / limits[_DISTANCE]) if limits[_DISTANCE] > 0.0 else 0.0
-        account[world, _SCORE] = 0.5 + 0.5 * economy if inside else (0.0 if lost else 0.5 * gained)
-        account[world, _SUCCESS] = 1.0 if inside else 0.0
+        episode.fuel[world] = -fired * parameters.acceleration / parameters.reference
+        episode.progress[world] = potential - episode.potential[world]
+        episode.arrival[world] = -1.0 if lost else (1.0 if inside and to_go <= 0.0 else 0.0)
+        episode.cost[world] = max(0.0, spin / parameters.rate_soft_limit - 1.0)
+        episode.over[world] = 1.0 if lost or to_go <= 0.0 else 0.0
+        episode.open_time[world] = data[b, at.OPEN_TIME, w]
+        episode.potential[world] = potential
+        spent = data[b, at.OPEN_TIME, w] * parameters.acceleration
+        economy = min(1.0, parameters.reference / spent) if spent > 0.0 else 1.0
+        gained = max(0.0, 1.0 - distance / parameters.distance) if parameters.distance > 0.0 else 0.0
+        episode.score[world] = 0.5 + 0.5 * economy if inside else (0.0 if lost else 0.5 * gained)
+        episode.success[world] = 1.0 if inside else 0.0
 
 
 @kernel(nogil=True)
-def _observe(data, faults, limits, authority, observe_fault, observations, first, last):
+def _observe(data, faults, numbers, authority, observe_fault, observations, first, last):
+    parameters = _parameters(numbers)
     n, lanes = observations.shape[1] - 25, data.shape[2]
     if observe_fault:
         n //= 3
@@ -334,7 +426,7 @@ def _observe(data, faults, limits, authority, observe_fault, observations, first
             row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)
             row[6 + k] = bounded(angle[k] / _ANGLE, _BOUND)
             row[9 + k] = bounded(rate[k] / _RATE, _BOUND)
-        row[12] = max(0.0, 1.0 - data[b, at.STEP, w] / limits[_STEPS])
+        row[12] = max(0.0, 1.0 - data[b, at.STEP, w] / parameters.steps)
         for i in range(n):
             row[13 + i] = data[b, at.DUTIES + i, w]
         for k in range(6):
@@ -342,5 +434,5 @@ def _observe(data, faults, limits, authority, observe_fault, observations, first
             row[19 + n + k] = bounded(data[b, at.EXPECTED_CHANGE + k, w] / authority[k], _BOUND)
         if observe_fault:
             write_oracle_view(
-                faults, b, w, data[b, at.STEP, w] * limits[_PERIOD], limits[_PERIOD], row, 25 + n
+                faults, b, w, data[b, at.STEP, w] * parameters.period, parameters.period, row, 25 + n
             )

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from thruster_envs.faults import DISCHARGE_KINDS, FULL_SCALE, Fault, FaultDistribution
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import columns_of, opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.health import pulse_shares
 from thruster_envs.physics.plasma_pulse import (
@@ -36,9 +38,8 @@ from thruster_envs.physics.plasma_pulse import (
 )
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Discharge
-from thruster_envs.tasks.access import bounded, place
+from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -48,6 +49,7 @@ from thruster_envs.tasks.contract import (
     check_not_negative,
     check_whole,
 )
+from thruster_envs.tasks.pictures import Frame, Picture, Trace, drawable, fuel_and_score
 
 #: Pulses of an episode.
 PULSES = 64
@@ -57,34 +59,105 @@ CASES: tuple[str, ...] = ("healthy", *DISCHARGE_KINDS)
 _HALF_RIGHT = 0.5
 _BOUND = 2.0
 _THRUST_BOUND = 4.0
-# Columns of the account of an episode: what the last declaration was worth; healthy and faulty pulses so far,
-# those with a false alarm, sum of the credit; time of the first faulty pulse, s, and seconds until one was
-# called faulty, both -1 for not yet.
-_RIGHT, _DELAY, _FALSE_ALARM, _WRONG_NAME, _HEALTHY, _FAULTY, _FALSE_PULSES, _CREDIT = range(8)
-_ONSET, _NOTICED, _ACCOUNT = 8, 9, 10
-# Columns of the truth about the last pulse: shares of slug mass and electrode width, added resistance in ohm,
-# share of the voltage, thrust over the nominal one.
-_MASS, _WIDTH, _ADDED, _CHARGE, _RATIO, _PULSE = range(6)
-# Entries of the limits.
-(
-    _PERIOD, _THRUSTER, _FIRING, _BAND, _JITTER, _RESISTANCE, _VOLTAGE_NOISE, _CURRENT_NOISE, _THRUST_NOISE,
-    _RIGHT_WORTH, _DELAY_COST, _FALSE_ALARM_COST, _WRONG_NAME_COST,
-) = range(13)  # fmt: skip
+
+
+class Parameters(NamedTuple):
+    """The configuration in numbers.
+
+    Attributes:
+        period: Control period, s.
+        thruster: The one that fires, from 0.
+        firing_time: Of a discharge, s.
+        band: How far the thrust of a healthy pulse may be off the nominal one, as a share.
+        jitter: Half-width of the scatter of the charge, as a share.
+        resistance: Of the circuit, ohm.
+        voltage_noise: Standard deviation of a sample, in shares of the nominal charge.
+        current_noise: The same, in shares of the nominal peak current.
+        thrust_noise: The same, in shares of the nominal thrust.
+        right_worth: Of a pulse that is called what it is.
+        delay_cost: Of a faulty pulse that is called healthy.
+        false_alarm_cost: Of a healthy pulse that is called faulty.
+        wrong_name_cost: Of a faulty pulse that is given the wrong fault.
+    """
+
+    period: float
+    thruster: float
+    firing_time: float
+    band: float
+    jitter: float
+    resistance: float
+    voltage_noise: float
+    current_noise: float
+    thrust_noise: float
+    right_worth: float
+    delay_cost: float
+    false_alarm_cost: float
+    wrong_name_cost: float
+
+
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds,) each.
+
+    Attributes:
+        right: Term of the reward of the last step, and the next three likewise.
+        delay: Likewise.
+        false_alarm: Likewise.
+        wrong_name: Likewise.
+        healthy_pulses: Healthy pulses so far.
+        faulty_pulses: Faulty pulses so far.
+        false_pulses: Healthy pulses that were called faulty.
+        credit: Sum of the credit for declarations.
+        onset: Time of the first faulty pulse, s; -1 for not yet.
+        noticed: Time from then until one was called faulty, s; -1 for not yet.
+    """
+
+    right: FloatArray
+    delay: FloatArray
+    false_alarm: FloatArray
+    wrong_name: FloatArray
+    healthy_pulses: FloatArray
+    faulty_pulses: FloatArray
+    false_pulses: FloatArray
+    credit: FloatArray
+    onset: FloatArray
+    noticed: FloatArray
+
+
+class PulseTruth(NamedTuple):
+    """What is true of the last pulse, (worlds,) each.
+
+    Attributes:
+        mass: Share of the nominal slug mass.
+        width: Share of the nominal electrode width.
+        added: Added resistance, ohm.
+        charge: Share of the nominal voltage.
+        ratio: Thrust over the nominal one.
+    """
+
+    mass: FloatArray
+    width: FloatArray
+    added: FloatArray
+    charge: FloatArray
+    ratio: FloatArray
+
+
+_parameters, _statistics = opener(Parameters), opener(Statistics, columns=True)
+_pulse_truth = opener(PulseTruth, columns=True)
 
 
 @dataclass(frozen=True)
 class PulseModel:
-    """The configuration in numbers.
+    """The configuration in arrays.
 
     Attributes:
-        limits: (13,).
+        parameters: As :class:`Parameters` names them.
         capacitors: (n,), the capacitor of each thruster.
         logarithms: The table of a :class:`~thruster_envs.physics.plasma_pulse.PulseMap`.
         waveforms: (kicks, dampings, 2 * samples), voltage and then current at the nodes of the map, in units
             of the observation at the nominal charge.
     """
 
-    limits: FloatArray
+    parameters: FloatArray
     capacitors: NDArray[np.int64]
     logarithms: FloatArray
     waveforms: FloatArray
@@ -92,15 +165,25 @@ class PulseModel:
 
 @dataclass
 class PulseState(TaskState):
-    """Arrays of a batch: the last pulse of each world, declarations and accounts."""
+    """Arrays of a batch."""
 
     model: PulseModel
     measured: FloatArray  # (worlds, 2 * samples + 1), voltage, current, thrust, in units of the observation
-    pulse: FloatArray  # (worlds, 5), the truth about it
+    pulse: FloatArray  # (worlds, 5), the truth about it, as PulseTruth names its columns
     case: NDArray[np.int64]  # (worlds,), what would be right to declare
     declared: NDArray[np.int64]  # (worlds,), the last declaration
-    account: FloatArray  # (worlds, 10)
+    statistics: FloatArray  # (worlds, 10), as Statistics names its columns
     none: FloatArray  # (worlds,), zeros: there is no cost, and no end but the time limit
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name."""
+        return columns_of(Statistics, self.statistics)
+
+    @cached_property
+    def truth(self) -> PulseTruth:
+        """Views of the truth about the last pulse by name."""
+        return columns_of(PulseTruth, self.pulse)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,27 +275,83 @@ class PulseDiagnosis(Task):
         return (len(CASES),)
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
-        thrust = (Feature("measured thrust", 1, _THRUST_BOUND, "nominal thrust", -1.0),)
+        discharge = self.discharge
+        thrust = (
+            Field("thrust", "measured thrust", 1, bound=_THRUST_BOUND, lowest=-1.0, **self._per_thrust()),
+        )
         return (
-            Feature("measured voltage of the capacitor", self.samples, _BOUND, "nominal charge"),
-            Feature("measured discharge current", self.samples, _BOUND, "nominal peak current"),
-            Feature("time since the start", 1, 1.0, "length of the episode", 0.0),
-            Feature("whether each fault was declared last", len(CASES) - 1, 1.0, "1", 0.0),
+            Field(
+                "voltage",
+                "measured voltage of the capacitor",
+                self.samples,
+                "V",
+                discharge.voltage,
+                reference="nominal charge",
+                bound=_BOUND,
+            ),
+            Field(
+                "current",
+                "measured discharge current",
+                self.samples,
+                "A",
+                peak_current(discharge),
+                reference="nominal peak current",
+                bound=_BOUND,
+            ),
+            Field(
+                "time",
+                "time since the start",
+                1,
+                "s",
+                PULSES * self.vehicle.control_period,
+                reference="length of the episode",
+                lowest=0.0,
+            ),
+            Field("declared", "whether each fault was declared last", len(CASES) - 1, lowest=0.0),
             *(thrust if self.observe_thrust else ()),
-            *self.oracle_features(),
+            *self.oracle_fields(),
         )
 
-    def oracle_features(self) -> tuple[Feature, ...]:
+    def _per_thrust(self) -> dict[str, Any]:
+        thrust = self.vehicle.thrusters[self.thruster - 1].thrust
+        return {"unit": "N", "scale": thrust, "reference": "nominal thrust"}
+
+    def oracle_fields(self) -> tuple[Field, ...]:
         """The truth about the pulse, where it was asked for."""
         if not self.observe_fault:
             return ()
+        discharge = self.discharge
         return (
-            Feature("true thrust", 1, _THRUST_BOUND, "nominal thrust", 0.0),
-            Feature("true mass of the slug", 1, 1.0, "nominal mass", 0.0),
-            Feature("true width of the electrodes", 1, 1.0, "nominal width", 0.0),
-            Feature("true added resistance", 1, 10.0, f"{FULL_SCALE['conductivity_loss']:g} ohm", 0.0),
+            Field("true_thrust", "true thrust", 1, bound=_THRUST_BOUND, lowest=0.0, **self._per_thrust()),
+            Field(
+                "true_slug_mass",
+                "true mass of the slug",
+                1,
+                "kg",
+                discharge.slug_mass,
+                reference="nominal mass",
+                lowest=0.0,
+            ),
+            Field(
+                "true_width",
+                "true width of the electrodes",
+                1,
+                "m",
+                discharge.electrode_width,
+                reference="nominal width",
+                lowest=0.0,
+            ),
+            Field(
+                "true_added_resistance",
+                "true added resistance",
+                1,
+                "ohm",
+                FULL_SCALE["conductivity_loss"],
+                bound=10.0,
+                lowest=0.0,
+            ),
         )
 
     def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
@@ -240,38 +379,51 @@ class PulseDiagnosis(Task):
             self.vehicle, worlds, slots=self.fault_slots, threads=threads, kinds=DISCHARGE_KINDS, sensors=()
         )
         return PulseState(
-            fleet, self._model(), np.zeros((worlds, 2 * self.samples + 1)), np.zeros((worlds, _PULSE)),
-            np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.zeros((worlds, _ACCOUNT)),
-            np.zeros(worlds),
-        )  # fmt: skip
+            fleet,
+            self._model(),
+            measured=np.zeros((worlds, 2 * self.samples + 1)),
+            pulse=np.zeros((worlds, len(PulseTruth._fields))),
+            case=np.zeros(worlds, np.int64),
+            declared=np.zeros(worlds, np.int64),
+            statistics=np.zeros((worlds, len(Statistics._fields))),
+            none=np.zeros(worlds),
+        )
 
     def _model(self) -> PulseModel:
         vehicle, discharge = self.vehicle, self.discharge
         nominal = vehicle.thrusters[self.thruster - 1].thrust
-        limits = (
-            vehicle.control_period, self.thruster - 1.0, discharge.firing_time, self.band,
-            self.voltage_jitter, discharge.resistance, self.voltage_noise / discharge.voltage,
-            self.current_noise / peak_current(discharge), self.thrust_noise / nominal,
-            self.right_worth / PULSES, self.delay_cost / PULSES, self.false_alarm_cost / PULSES,
-            self.wrong_name_cost / PULSES,
-        )  # fmt: skip
+        parameters = Parameters(
+            period=vehicle.control_period,
+            thruster=self.thruster - 1.0,
+            firing_time=discharge.firing_time,
+            band=self.band,
+            jitter=self.voltage_jitter,
+            resistance=discharge.resistance,
+            voltage_noise=self.voltage_noise / discharge.voltage,
+            current_noise=self.current_noise / peak_current(discharge),
+            thrust_noise=self.thrust_noise / nominal,
+            right_worth=self.right_worth / PULSES,
+            delay_cost=self.delay_cost / PULSES,
+            false_alarm_cost=self.false_alarm_cost / PULSES,
+            wrong_name_cost=self.wrong_name_cost / PULSES,
+        )
         capacitors = np.array([thruster.capacitor for thruster in vehicle.thrusters], np.int64)
         waveforms = _waveforms(discharge, tuple(self.sample_numbers.tolist()))
-        return PulseModel(np.array(limits), capacitors, PulseMap.of(discharge).logarithms, waveforms)
+        return PulseModel(np.array(parameters), capacitors, PulseMap.of(discharge).logarithms, waveforms)
 
     def reset(self, state: PulseState, which: NDArray[np.int64]) -> None:
         """Fire the first pulse."""
         state.declared[which] = 0
-        state.account[which] = 0.0
-        state.account[which, _ONSET : _NOTICED + 1] = -1.0
+        state.statistics[which] = 0.0
+        state.episode.onset[which] = state.episode.noticed[which] = -1.0
         self._fire(state, which)
 
     def step(self, state: PulseState, actions: NDArray[np.int64]) -> None:
         """Judge what the last pulse was declared to be, then fire the next one."""
-        fleet, limits = state.fleet, state.model.limits
+        fleet, parameters = state.fleet, state.model.parameters
         fleet.by_worlds(
-            lambda first, last: _judge(
-                fleet.data, actions, limits, state.case, state.declared, state.account, first, last
+            lambda first, last: _evaluate_declaration(
+                fleet.data, actions, parameters, state.case, state.declared, state.statistics, first, last
             )
         )
         fleet.by_worlds(lambda first, last: self._fire(state, fleet.everyone[first:last]))
@@ -279,7 +431,7 @@ class PulseDiagnosis(Task):
     def _fire(self, state: PulseState, which: NDArray[np.int64]) -> None:
         fleet, model = state.fleet, state.model
         _fire(
-            fleet.arrays, fleet.rows.delivered, model.limits, model.capacitors, model.logarithms,
+            fleet.arrays, fleet.rows.delivered, model.parameters, model.capacitors, model.logarithms,
             model.waveforms, state.measured, state.pulse, state.case, which,
         )  # fmt: skip
 
@@ -298,27 +450,54 @@ class PulseDiagnosis(Task):
 
     def outcome(self, state: PulseState) -> Outcome:
         """Never terminates: an episode is as long as the time limit says."""
-        terms = state.account[:, np.newaxis, : len(self.reward_terms)]
+        terms = state.statistics[:, np.newaxis, : len(self.reward_terms)]
         return Outcome(terms, state.none[:, np.newaxis], state.none)
 
     def truth(self, state: PulseState) -> Truth:
-        """The score is the mean credit of the faulty pulses times the share of quiet healthy ones."""
+        """The score is the mean credit of the faulty pulses times the share of healthy ones called so."""
         fuel, score, success = np.empty((3, state.fleet.worlds, 1))
-        _rate(state.fleet.data, state.account, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, fuel, score, success)
         return Truth(fuel, score, success)
 
     def report(self, state: PulseState) -> dict[str, dict[str, NDArray[Any]]]:
         """How the diagnosis went, and the truth about the pulse that is to be judged now."""
-        account = state.account
+        episode = state.episode
         return {
             "diagnosis": {
-                "detected": account[:, _NOTICED : _NOTICED + 1] >= 0.0,
-                "delay": account[:, _NOTICED : _NOTICED + 1].copy(),
-                "false_alarms": account[:, _FALSE_PULSES : _FALSE_PULSES + 1].astype(np.int64),
+                "detected": episode.noticed[:, np.newaxis] >= 0.0,
+                "delay": episode.noticed[:, np.newaxis].copy(),
+                "false_alarms": episode.false_pulses[:, np.newaxis].astype(np.int64),
                 "case": state.case[:, np.newaxis].copy(),
-                "thrust": state.pulse[:, _RATIO : _RATIO + 1].copy(),
+                "thrust": state.truth.ratio[:, np.newaxis].copy(),
             }
         }
+
+    def picture(self, frame: Frame) -> Picture:
+        """Voltage and current of the last pulse beside those of a nominal one."""
+        state: PulseState = frame.state
+        world, info = frame.world, frame.info
+        true, declared = (CASES[one[world]].replace("_", " ") for one in (state.case, state.declared))
+        _, score = fuel_and_score(frame)
+        return Picture(
+            readouts=(
+                ("thrust", f"{100.0 * info['diagnosis']['thrust'][world, 0]:.0f} %"),
+                score,
+                ("last pulse", true),
+                ("declared before", declared),
+            ),
+            traces=self._traces(drawable(state.measured[world])),
+            traces_name="last pulse",
+        )
+
+    def _traces(self, measured: FloatArray) -> tuple[Trace, ...]:
+        discharge, numbers, samples = self.discharge, self.sample_numbers, self.samples
+        nominal, volts, amperes = pulse_waveforms(discharge), discharge.voltage, peak_current(discharge)
+        time, label = 1e6 * nominal.time[numbers], "time, µs"
+        current = 1e-3 * (amperes * measured[samples : 2 * samples])
+        return (
+            Trace("voltage, V", label, time, nominal.voltage[numbers], volts * measured[:samples]),
+            Trace("current, kA", label, time, 1e-3 * nominal.current[numbers], current),
+        )
 
 
 @cache
@@ -339,39 +518,45 @@ def _waveforms(discharge: Discharge, samples: tuple[int, ...]) -> FloatArray:
 
 @kernel(nogil=True)
 def _fire(
-    arrays, delivered, limits, capacitors, logarithms, waveforms, measured, pulse, case, which
+    arrays, delivered, numbers, capacitors, logarithms, waveforms, measured, pulse, case, which
 ):  # fmt: skip
     """Fire the pulse of the present period in some worlds and measure it."""
+    parameters, truth = _parameters(numbers), _pulse_truth(pulse)
     data, faults, streams = arrays[0], arrays[1], arrays[2]
     n, lanes, columns, thruster = (
         capacitors.shape[0],
         data.shape[2],
         waveforms.shape[2],
-        int(limits[_THRUSTER]),
+        int(parameters.thruster),
     )
     samples = columns // 2
     noise = np.empty(8 * (columns // 8 + 1))
     for world in which:
         b, w = place(world, 0, 1, lanes)
-        row, truth = measured[world], pulse[world]
+        row = measured[world]
         number, episode = np.uint64(np.int64(data[b, at.STEP, w])), streams[b, at.EPISODE, w]
         low, high = streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w]
         words = philox(np.uint64(0), number, episode, np.uint64(COMMAND << 32), low, high)
-        charge = 1.0 + limits[_JITTER] * (2.0 * uniform_pair(words[0])[0] - 1.0)
+        charge = 1.0 + parameters.jitter * (2.0 * uniform_pair(words[0])[0] - 1.0)
         mass, width, added = pulse_shares(
-            faults[b, w], thruster, capacitors, data[b, at.STEP, w] * limits[_PERIOD]
+            faults[b, w], thruster, capacitors, data[b, at.STEP, w] * parameters.period
         )
-        ratio = pulse_ratio(mass, width, added, charge, logarithms, limits[_RESISTANCE])
-        truth[_MASS], truth[_WIDTH], truth[_ADDED], truth[_CHARGE] = mass, width, added, charge
-        truth[_RATIO] = ratio
+        ratio = pulse_ratio(mass, width, added, charge, logarithms, parameters.resistance)
+        truth.mass[world], truth.width[world], truth.added[world], truth.charge[world] = (
+            mass,
+            width,
+            added,
+            charge,
+        )
+        truth.ratio[world] = ratio
         case[world] = 0
-        if abs(ratio - 1.0) > limits[_BAND]:
-            case[world] = _main_cause(mass, width, added, logarithms, limits[_RESISTANCE])
+        if abs(ratio - 1.0) > parameters.band:
+            case[world] = _main_cause(mass, width, added, logarithms, parameters.resistance)
         for block in range(noise.shape[0] // 8):
             words = philox(np.uint64(block), number, episode, np.uint64(STEP << 32), low, high)
             for k in range(4):
                 noise[8 * block + 2 * k], noise[8 * block + 2 * k + 1] = normal_pair(words[k])
-        first, second, a, c = map_place(mass, width, added, charge, limits[_RESISTANCE])
+        first, second, a, c = map_place(mass, width, added, charge, parameters.resistance)
         for k in range(columns):
             row[k] = 0.0
         for i in range(4):
@@ -380,14 +565,14 @@ def _fire(
                 for k in range(columns):
                     row[k] += weight * node[k]
         for k in range(samples):
-            row[k] += limits[_VOLTAGE_NOISE] * noise[k]
-            row[samples + k] += limits[_CURRENT_NOISE] * noise[samples + k]
-        row[columns] = ratio + limits[_THRUST_NOISE] * noise[columns]
+            row[k] += parameters.voltage_noise * noise[k]
+            row[samples + k] += parameters.current_noise * noise[samples + k]
+        row[columns] = ratio + parameters.thrust_noise * noise[columns]
         for i in range(n):
             fires = 1.0 if i == thruster else 0.0
             data[b, at.DUTIES + i, w] = fires
-            data[b, delivered + i, w] = fires * ratio * limits[_FIRING]
-        data[b, at.OPEN_TIME, w] += limits[_FIRING]
+            data[b, delivered + i, w] = fires * ratio * parameters.firing_time
+        data[b, at.OPEN_TIME, w] += parameters.firing_time
 
 
 @njit
@@ -406,44 +591,46 @@ def _main_cause(mass, width, added, logarithms, resistance):
 
 
 @kernel
-def _rate(data, account, fuel, score, success):
+def _rate(data, statistics, fuel, score, success):
     """Fuel, score and success of every world, (worlds, 1) each."""
-    for world in range(account.shape[0]):
+    episode = _statistics(statistics)
+    for world in range(statistics.shape[0]):
         b, w = place(world, 0, 1, data.shape[2])
-        row = account[world]
-        credit = row[_CREDIT] / max(row[_FAULTY], 1.0) if row[_FAULTY] > 0.0 else 1.0
-        quiet = 1.0 - row[_FALSE_PULSES] / max(row[_HEALTHY], 1.0)
+        faulty, healthy = episode.faulty_pulses[world], episode.healthy_pulses[world]
+        credit = episode.credit[world] / max(faulty, 1.0) if faulty > 0.0 else 1.0
+        no_alarm = 1.0 - episode.false_pulses[world] / max(healthy, 1.0)
         fuel[world, 0] = data[b, at.OPEN_TIME, w]
-        score[world, 0] = credit * quiet if row[_HEALTHY] + row[_FAULTY] > 0.0 else 0.0
+        score[world, 0] = credit * no_alarm if healthy + faulty > 0.0 else 0.0
         success[world, 0] = score[world, 0] >= 0.9
 
 
 @kernel(nogil=True)
-def _judge(data, actions, limits, case, declared, account, first, last):
+def _evaluate_declaration(data, actions, numbers, case, declared, statistics, first, last):
     """Compare declarations with the pulses they are about, in the worlds from ``first`` to ``last``."""
+    parameters, episode = _parameters(numbers), _statistics(statistics)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
-        row, time = account[world], data[b, at.STEP, w] * limits[_PERIOD]
+        time = data[b, at.STEP, w] * parameters.period
         said, true = actions[world, 0, 0], case[world]
-        for k in range(_WRONG_NAME + 1):
-            row[k] = 0.0
+        for term in (episode.right, episode.delay, episode.false_alarm, episode.wrong_name):
+            term[world] = 0.0
         if said == true:
-            row[_RIGHT] = limits[_RIGHT_WORTH]
+            episode.right[world] = parameters.right_worth
         elif said == 0:
-            row[_DELAY] = -limits[_DELAY_COST]
+            episode.delay[world] = -parameters.delay_cost
         elif true == 0:
-            row[_FALSE_ALARM] = -limits[_FALSE_ALARM_COST]
+            episode.false_alarm[world] = -parameters.false_alarm_cost
         else:
-            row[_WRONG_NAME] = -limits[_WRONG_NAME_COST]
+            episode.wrong_name[world] = -parameters.wrong_name_cost
         if true == 0:
-            row[_HEALTHY] += 1.0
-            row[_FALSE_PULSES] += 1.0 if said > 0 else 0.0
+            episode.healthy_pulses[world] += 1.0
+            episode.false_pulses[world] += 1.0 if said > 0 else 0.0
         else:
-            row[_FAULTY] += 1.0
-            row[_CREDIT] += 1.0 if said == true else (_HALF_RIGHT if said > 0 else 0.0)
-            row[_ONSET] = time if row[_ONSET] < 0.0 else row[_ONSET]
-            if said > 0 and row[_NOTICED] < 0.0:
-                row[_NOTICED] = time - row[_ONSET]
+            episode.faulty_pulses[world] += 1.0
+            episode.credit[world] += 1.0 if said == true else (_HALF_RIGHT if said > 0 else 0.0)
+            episode.onset[world] = time if episode.onset[world] < 0.0 else episode.onset[world]
+            if said > 0 and episode.noticed[world] < 0.0:
+                episode.noticed[world] = time - episode.onset[world]
         declared[world] = said
         data[b, at.STEP, w] += 1.0
 
@@ -452,7 +639,7 @@ def _judge(data, actions, limits, case, declared, account, first, last):
 def _observe(
     data, measured, pulse, declared, observe_thrust, observe_fault, full_scale, observations, first, last
 ):  # fmt: skip
-    columns, faults = measured.shape[1] - 1, len(CASES) - 1
+    columns, faults, truth = measured.shape[1] - 1, len(CASES) - 1, _pulse_truth(pulse)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
         row = observations[world]
@@ -466,6 +653,6 @@ def _observe(
             row[k] = min(max(measured[world, columns], -1.0), _THRUST_BOUND)
             k += 1
         if observe_fault:
-            row[k] = min(pulse[world, _RATIO], _THRUST_BOUND)
-            row[k + 1], row[k + 2] = pulse[world, _MASS], pulse[world, _WIDTH]
-            row[k + 3] = min(pulse[world, _ADDED] / full_scale, 10.0)
+            row[k] = min(truth.ratio[world], _THRUST_BOUND)
+            row[k + 1], row[k + 2] = truth.mass[world], truth.width[world]
+            row[k + 3] = min(truth.added[world] / full_scale, 10.0)

@@ -12,20 +12,21 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.kernels import kernel
+from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pair
 from thruster_envs.spacecraft import Feed, Spacecraft, objective_weights
-from thruster_envs.tasks.access import bounded, command_duties, place, true_model, write_oracle_view
+from thruster_envs.tasks.access import bounded, command_duties, true_model, write_oracle_view
 from thruster_envs.tasks.contract import (
-    Feature,
     FloatArray,
     Observations,
     Outcome,
@@ -33,7 +34,11 @@ from thruster_envs.tasks.contract import (
     TaskState,
     Truth,
     axis_scale,
+    change_fields,
+    per_authority,
+    per_period,
 )
+from thruster_envs.tasks.pictures import Frame, Picture, drawable, fuel_and_score
 
 #: Kinds of command, equally likely: one axis; all axes within reach; all axes beyond reach; all axes, tiny.
 SINGLE_AXIS, COUPLED, SATURATING, TINY = 0, 1, 2, 3
@@ -95,9 +100,28 @@ class MappingModel:
         )
 
 
+class Statistics(NamedTuple):
+    """Episode statistics, (worlds,) each.
+
+    Attributes:
+        miss: Term of the reward of the last step, and the next one likewise.
+        fuel: Likewise.
+        objective: Sum of fuel and miss so far, in the linear program's units.
+        idle: The same of doing nothing.
+    """
+
+    miss: FloatArray
+    fuel: FloatArray
+    objective: FloatArray
+    idle: FloatArray
+
+
+_statistics = opener(Statistics, columns=True)
+
+
 @dataclass
 class MappingState(TaskState):
-    """Arrays of a batch: the command now, what was delivered for the last one, and sums over the episode."""
+    """Arrays of a batch: the command now, what was delivered for the last one, and statistics."""
 
     model: MappingModel
     command: FloatArray  # (worlds, 6), m/s and rad/s, body axes
@@ -105,8 +129,7 @@ class MappingState(TaskState):
     delivered: FloatArray  # (worlds, 6), true
     measured: FloatArray  # (worlds, 6), with sensor noise
     expected: FloatArray  # (worlds, 6), what the nominal vehicle would have given
-    terms: FloatArray  # (worlds, 2), the reward's terms for the last step
-    sums: FloatArray  # (worlds, 2), objective so far, and that of doing nothing
+    statistics: FloatArray  # (worlds, 4), as Statistics names its columns
     none: FloatArray  # (worlds,), zeros: there is no cost, and no end but the time limit
 
 
@@ -122,17 +145,28 @@ class ThrusterMapping(Task):
     flies: ClassVar[bool] = False
 
     @cached_property
-    def features(self) -> tuple[Feature, ...]:
+    def fields(self) -> tuple[Field, ...]:
         """See the environment's docstring."""
         n = self.action_size
         return (
-            Feature("commanded rate change", 6, _BOUND, "authority per axis"),
-            Feature("last duties", n, 1.0, "1", 0.0),
-            Feature("last measured rate change", 6, _BOUND, "authority per axis"),
-            Feature("last expected rate change", 6, _BOUND, "authority per axis"),
-            Feature("last measured rate change, projected on each thruster", n, _BOUND, "control period"),
-            Feature("last expected rate change, projected on each thruster", n, _BOUND, "control period"),
-            *self.oracle_features(),
+            Field("command", "commanded rate change", 6, bound=_BOUND, **per_authority(self.vehicle)),
+            Field("duties", "last duties", n, lowest=0.0),
+            *change_fields(self.vehicle, _BOUND),
+            Field(
+                "measured_on_time",
+                "last measured rate change, projected on each thruster",
+                n,
+                bound=_BOUND,
+                **per_period(self.vehicle),
+            ),
+            Field(
+                "expected_on_time",
+                "last expected rate change, projected on each thruster",
+                n,
+                bound=_BOUND,
+                **per_period(self.vehicle),
+            ),
+            *self.oracle_fields(),
         )
 
     def default_faults(self) -> tuple[Fault, ...] | FaultDistribution:
@@ -165,8 +199,7 @@ class ThrusterMapping(Task):
         return MappingState(
             fleet,
             MappingModel.of(self.vehicle),
-            terms=np.zeros((worlds, 2)),
-            sums=np.zeros((worlds, 2)),
+            statistics=np.zeros((worlds, len(Statistics._fields))),
             none=np.zeros(worlds),
             **{name: np.zeros((worlds, 6)) for name in changes},
         )
@@ -178,8 +211,7 @@ class ThrusterMapping(Task):
             state.delivered,
             state.measured,
             state.expected,
-            state.terms,
-            state.sums,
+            state.statistics,
         ):
             array[which] = 0.0
         _draw_commands(state.fleet.data, state.fleet.streams, which, state.model.authority, state.command)
@@ -190,10 +222,11 @@ class ThrusterMapping(Task):
         state.answered[:] = state.command
         command_duties(fleet.data, duties, 1)
         fleet.fly(move=False)
-        _judge(
-            fleet.data, fleet.streams, self.vehicle.control_period, self.vehicle.mass, model.inverse_inertia,
-            model.effectiveness, model.fuel_cost, model.slack_cost, model.noise, model.scale,
-            state.command, state.delivered, state.measured, state.expected, state.terms, state.sums,
+        _evaluate_step(
+            fleet.data, fleet.streams, self.vehicle.control_period,
+            (self.vehicle.mass, model.inverse_inertia),
+            (model.effectiveness, model.fuel_cost, model.slack_cost, model.noise, model.scale),
+            (state.command, state.delivered, state.measured, state.expected), state.statistics,
         )  # fmt: skip
         _draw_commands(fleet.data, fleet.streams, state.fleet.everyone, model.authority, state.command)
 
@@ -210,13 +243,27 @@ class ThrusterMapping(Task):
 
     def outcome(self, state: MappingState) -> Outcome:
         """Never terminates: an episode is as long as the time limit says."""
-        return Outcome(state.terms[:, np.newaxis, :], state.none[:, np.newaxis], state.none)
+        terms = state.statistics[:, np.newaxis, : len(self.reward_terms)]
+        return Outcome(terms, state.none[:, np.newaxis], state.none)
 
     def truth(self, state: MappingState) -> Truth:
         """The score is one minus the objective over that of doing nothing, over the episode, not below 0."""
         fuel, score, success = np.empty((3, state.fleet.worlds, 1))
-        _rate(state.fleet.data, state.sums, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, fuel, score, success)
         return Truth(fuel, score, success)
+
+    def picture(self, frame: Frame) -> Picture:
+        """Commanded and delivered rate change of the last command, in shares of the authority per axis."""
+        state: MappingState = frame.state
+        world = frame.world
+        commanded, delivered = (
+            drawable(change[world] / state.model.authority) for change in (state.answered, state.delivered)
+        )
+        names = ("x", "y", "z", "rot x", "rot y", "rot z")
+        bars = tuple(
+            (name, float(c), float(d)) for name, c, d in zip(names, commanded, delivered, strict=True)
+        )
+        return Picture(readouts=fuel_and_score(frame), bars=bars)
 
     def true_model(self, state: MappingState) -> tuple[FloatArray, FloatArray]:
         """Effectiveness (worlds, 6, n) and offset (worlds, 6) of the true vehicles in the coming period."""
@@ -256,11 +303,12 @@ def _draw_commands(data, streams, which, authority, commands):
 
 
 @kernel
-def _judge(
-    data, streams, period, mass, inverse_inertia, effectiveness, fuel_cost, slack_cost, noise, scale,
-    command, delivered, measured, expected, terms, sums,
-):  # fmt: skip
+def _evaluate_step(data, streams, period, inertia, model, changes, statistics):
     """Compare what came with what was commanded, and measure it."""
+    mass, inverse_inertia = inertia
+    effectiveness, fuel_cost, slack_cost, noise, scale = model
+    command, delivered, measured, expected = changes
+    episode = _statistics(statistics)
     n, lanes = effectiveness.shape[1], data.shape[2]
     normal = np.empty(6)
     for world in range(command.shape[0]):
@@ -292,17 +340,18 @@ def _judge(
             measured[world, k] = change + noise[k] * normal[k]
             miss += slack_cost[k] * abs(command[world, k] - change)
             idle += slack_cost[k] * abs(command[world, k])
-        terms[world, 0], terms[world, 1] = -miss / scale, -fuel / scale
-        sums[world, 0] += fuel + miss
-        sums[world, 1] += idle
+        episode.miss[world], episode.fuel[world] = -miss / scale, -fuel / scale
+        episode.objective[world] += fuel + miss
+        episode.idle[world] += idle
 
 
 @kernel
-def _rate(data, sums, fuel, score, success):
+def _rate(data, statistics, fuel, score, success):
     """Fuel, score and success of every world, (worlds, 1) each."""
-    for world in range(sums.shape[0]):
+    episode = _statistics(statistics)
+    for world in range(statistics.shape[0]):
         b, w = place(world, 0, 1, data.shape[2])
-        paid, idle = sums[world]
+        paid, idle = episode.objective[world], episode.idle[world]
         fuel[world, 0] = data[b, at.OPEN_TIME, w]
         score[world, 0] = min(max(1.0 - paid / idle, 0.0), 1.0) if idle > 0.0 else 0.0
         success[world, 0] = score[world, 0] >= 0.9

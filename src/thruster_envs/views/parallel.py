@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from thruster_envs.extras import extra
 from thruster_envs.tasks import FormationAttitude, FormationKeeping, Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
+from thruster_envs.views.making import view_of_path
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import checked_flag, checked_render_mode, info_of_agent, make_task
 from thruster_envs.views.spaces import action_space, observation_space
@@ -171,6 +172,13 @@ class TaskParallelEnv(MidEpisode, ParallelEnv[str, Observation, Observation]):  
             self._camera.close()
 
 
+def __getattr__(name: str) -> Any:
+    """The parallel environment of a task, by the path to its class with slashes."""
+    if "/" in name:
+        return view_of_path(TaskParallelEnv, name, "ParallelEnv")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
 def register_parallel(identifier: str, module: str) -> None:
     """Register the two makers of a module with PettingZoo, unless its tables have that id already.
 
@@ -186,6 +194,19 @@ def register_parallel(identifier: str, module: str) -> None:
     ):
         if identifier not in registry:
             pettingzoo.register(form, identifier, entry_point=f"{module}:{maker}")
+
+
+def register_view(identifier: str, view: str, settings: dict[str, Any]) -> None:
+    """Register a parallel environment, ``module:attribute``, with PettingZoo, in place of an earlier one.
+
+    PettingZoo has a table from 1.27 on.
+    """
+    if not hasattr(pettingzoo, "register"):
+        return
+    from pettingzoo.env_registry.registration import parallel_registry
+
+    parallel_registry.pop(identifier, None)
+    pettingzoo.register("parallel", identifier, entry_point=view, kwargs=settings)
 
 
 class FormationParallelEnv(TaskParallelEnv):

@@ -16,6 +16,7 @@ from thruster_envs.configuration import from_mapping, suggestion
 from thruster_envs.construction import Unrecorded
 from thruster_envs.tasks import Task
 from thruster_envs.views.inputs import checked_actions, checked_seed
+from thruster_envs.views.making import view_of_path
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.spaces import action_space, observation_space
 from thruster_envs.views.specs import stated
@@ -27,7 +28,9 @@ _ONE = np.zeros(1, np.int64)
 
 
 class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
-    """One world of a task, one commanded craft; subclasses name the task.
+    """One world of a task, one commanded craft.
+
+    Subclasses name the task; those that nobody has written are made (:mod:`thruster_envs.views.making`).
 
     Args:
         render_mode: None, ``"rgb_array"`` or ``"human"``.
@@ -38,14 +41,12 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # type: ignore[misc]  # Gymnasium declares an instance attribute
     task_type: ClassVar[type[Task]]
-    fixed: ClassVar[dict[str, Any]] = {}
     _spec: EnvSpec | None = None
 
     def __init__(
         self, *, render_mode: str | None = None, flat_info: bool = False, **configuration: Any
     ) -> None:
-        others = ("render_mode", "flat_info")
-        self.task = make_task(self.task_type, configuration, self.fixed, others, type(self).__name__)
+        self.task = self.task_of(**configuration)
         self.flat_info = checked_flag("flat_info", flat_info)
         self.render_mode = checked_render_mode(render_mode)
         self.worlds = Worlds(self.task, 1)
@@ -53,6 +54,17 @@ class TaskEnv(MidEpisode, gym.Env[Observation, Any]):
         self.action_space = action_space(self.task)
         self._action_shape = self.action_space.shape or ()
         self._camera = Camera(self.worlds, 0, type(self).__name__.removesuffix("Env"))
+
+    @classmethod
+    def task_of(cls, **configuration: Any) -> Task:
+        """The task that an environment of this configuration has.
+
+        Raises:
+            TypeError: An unknown field.
+            ValueError: A field that is not for the user to choose, or a value that cannot be.
+        """
+        others = ("render_mode", "flat_info")
+        return make_task(cls.task_type, configuration, cls.task_type.one_agent, others, cls.__name__)
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -196,3 +208,10 @@ def checked_render_mode(mode: str | None) -> str | None:
     if mode is not None and mode not in RENDER_MODES:
         raise ValueError(f"render_mode is {mode!r}; None, 'rgb_array' or 'human' would be right")
     return mode
+
+
+def __getattr__(name: str) -> Any:
+    """The single environment of a task, by the path to its class with slashes."""
+    if "/" in name:
+        return view_of_path(TaskEnv, name, "Env")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

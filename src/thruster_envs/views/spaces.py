@@ -11,10 +11,10 @@ from thruster_envs.tasks import Task
 
 
 def observation_space(task: Task) -> spaces.Box[np.float32]:
-    """Box of one agent's observation, float32, finite, bounds feature by feature."""
-    features = (*task.features, *task.storage_features)
-    low = np.concatenate([np.full(feature.size, feature.low) for feature in features])
-    high = np.concatenate([np.full(feature.size, feature.bound) for feature in features])
+    """Box of one agent's observation, float32, finite, bounds field by field."""
+    fields = task.observation_fields
+    low = np.concatenate([np.full(field.size, field.low) for field in fields])
+    high = np.concatenate([np.full(field.size, field.bound) for field in fields])
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 

@@ -25,9 +25,7 @@ class Storage:
         self.wheels, self.gyros = len(task.vehicle.reaction_wheels), len(task.vehicle.control_moment_gyros)
         self.craft = slice(task.first_commanded, task.first_commanded + len(task.agents))
         self.max_speeds = np.array([one.max_speed for one in task.vehicle.reaction_wheels])
-        self.bounds = np.concatenate(
-            [np.full(feature.size, feature.bound) for feature in task.storage_features]
-        )
+        self.bounds = np.concatenate([np.full(field.size, field.bound) for field in task.storage_fields])
 
     def commanded(self, actions: FloatArray, shape: tuple[int, int, int]) -> FloatArray:
         """Command wheels and gimbals by the last numbers of actions; returns the numbers before them.

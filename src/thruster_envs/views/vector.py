@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from thruster_envs.tasks import Task
 from thruster_envs.tasks.contract import check_whole
 from thruster_envs.views.inputs import checked_actions, checked_options, checked_seed
+from thruster_envs.views.making import view_of_path
 from thruster_envs.views.scenes import RENDER_MODES, Camera
 from thruster_envs.views.single import (
     checked_flag,
@@ -65,7 +66,6 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     task_type: ClassVar[type[Task]]
-    fixed: ClassVar[dict[str, Any]] = {}
     made_with: ClassVar[tuple[str, ...]] = ("autoreset_mode",)
     _spec: EnvSpec | None = None
     _cameras: Sequence[Camera] = ()  # where the constructor fails there are none to close
@@ -82,7 +82,9 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         **configuration: Any,
     ) -> None:
         check_whole("num_envs", num_envs, 1, MOST_WORLDS)
-        self.task = make_task(self.task_type, configuration, self.fixed, _ARGUMENTS, type(self).__name__)
+        self.task = make_task(
+            self.task_type, configuration, self.task_type.one_agent, _ARGUMENTS, type(self).__name__
+        )
         self.num_envs, self.render_mode = num_envs, checked_render_mode(render_mode)
         self.flat_info = checked_flag("flat_info", flat_info)
         self._seeds: tuple[int, ...] | None = None
@@ -387,3 +389,10 @@ def _with_masks(info: dict[str, Any], masks: Iterator[NDArray[np.bool_]]) -> dic
         result[key] = _with_masks(value, masks) if isinstance(value, dict) else value
         result[f"_{key}"] = next(masks)
     return result
+
+
+def __getattr__(name: str) -> Any:
+    """The vector environment of a task, by the path to its class with slashes."""
+    if "/" in name:
+        return view_of_path(TaskVectorEnv, name, "VectorEnv")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from thruster_envs.views.environments.active_diagnosis import ActiveDiagnosisEnv, ActiveDiagnosisVectorEnv
-from thruster_envs.views.environments.fault_diagnosis import FaultDiagnosisEnv, FaultDiagnosisVectorEnv
-from thruster_envs.views.environments.formation_attitude import (
-    FormationAttitudeEnv,
-    FormationAttitudeVectorEnv,
-)
-from thruster_envs.views.environments.formation_keeping import FormationKeepingEnv, FormationKeepingVectorEnv
-from thruster_envs.views.environments.mars_rendezvous import MarsRendezvousEnv, MarsRendezvousVectorEnv
-from thruster_envs.views.environments.orion_rendezvous import OrionRendezvousEnv, OrionRendezvousVectorEnv
-from thruster_envs.views.environments.pulse_diagnosis import PulseDiagnosisEnv, PulseDiagnosisVectorEnv
-from thruster_envs.views.environments.thruster_mapping import ThrusterMappingEnv, ThrusterMappingVectorEnv
+from thruster_envs.views.environments.active_diagnosis import ActiveDiagnosisEnv
+from thruster_envs.views.environments.fault_diagnosis import FaultDiagnosisEnv
+from thruster_envs.views.environments.formation_attitude import FormationAttitudeEnv
+from thruster_envs.views.environments.formation_keeping import FormationKeepingEnv
+from thruster_envs.views.environments.mars_rendezvous import MarsRendezvousEnv
+from thruster_envs.views.environments.orion_rendezvous import OrionRendezvousEnv
+from thruster_envs.views.environments.pulse_diagnosis import PulseDiagnosisEnv
+from thruster_envs.views.environments.thruster_mapping import ThrusterMappingEnv
+from thruster_envs.views.making import vector_form
 
 __all__ = [
     "ActiveDiagnosisEnv",
@@ -32,3 +30,12 @@ __all__ = [
     "ThrusterMappingEnv",
     "ThrusterMappingVectorEnv",
 ]
+
+ActiveDiagnosisVectorEnv = vector_form(ActiveDiagnosisEnv)
+FaultDiagnosisVectorEnv = vector_form(FaultDiagnosisEnv)
+FormationAttitudeVectorEnv = vector_form(FormationAttitudeEnv)
+FormationKeepingVectorEnv = vector_form(FormationKeepingEnv)
+MarsRendezvousVectorEnv = vector_form(MarsRendezvousEnv)
+OrionRendezvousVectorEnv = vector_form(OrionRendezvousEnv)
+PulseDiagnosisVectorEnv = vector_form(PulseDiagnosisEnv)
+ThrusterMappingVectorEnv = vector_form(ThrusterMappingEnv)

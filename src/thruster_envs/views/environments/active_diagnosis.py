@@ -1,4 +1,4 @@
-"""`ActiveDiagnosis-v0` and its native vector form."""
+"""`ActiveDiagnosis-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import ActiveDiagnosis, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["ActiveDiagnosisEnv", "ActiveDiagnosisVectorEnv"]
+__all__ = ["ActiveDiagnosisEnv"]
 
 
 class ActiveDiagnosisEnv(TaskEnv):
@@ -133,11 +132,5 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = ActiveDiagnosis
-
-
-class ActiveDiagnosisVectorEnv(TaskVectorEnv):
-    """Many flights to be tested; :class:`ActiveDiagnosisEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = ActiveDiagnosis

@@ -1,4 +1,4 @@
-"""`FaultDiagnosis-v0` and its native vector form."""
+"""`FaultDiagnosis-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import FaultDiagnosis, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["FaultDiagnosisEnv", "FaultDiagnosisVectorEnv"]
+__all__ = ["FaultDiagnosisEnv"]
 
 
 class FaultDiagnosisEnv(TaskEnv):
@@ -156,11 +155,5 @@ class FaultDiagnosisEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = FaultDiagnosis
-
-
-class FaultDiagnosisVectorEnv(TaskVectorEnv):
-    """Many flights to be diagnosed; :class:`FaultDiagnosisEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = FaultDiagnosis

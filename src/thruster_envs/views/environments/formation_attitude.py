@@ -1,14 +1,13 @@
-"""`FormationAttitude-v0` and its native vector form."""
+"""`FormationAttitude-v0`: its page."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from thruster_envs.tasks import FormationAttitude, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["FormationAttitudeEnv", "FormationAttitudeVectorEnv"]
+__all__ = ["FormationAttitudeEnv"]
 
 
 class FormationAttitudeEnv(TaskEnv):
@@ -148,11 +147,3 @@ class FormationAttitudeEnv(TaskEnv):
     """
 
     task_type: ClassVar[type[Task]] = FormationAttitude
-    fixed: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}
-
-
-class FormationAttitudeVectorEnv(TaskVectorEnv):
-    """Many formations with one commanded follower each; :class:`FormationAttitudeEnv` describes one."""
-
-    task_type: ClassVar[type[Task]] = FormationAttitude
-    fixed: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}

@@ -1,14 +1,13 @@
-"""`FormationKeeping-v0` and its native vector form."""
+"""`FormationKeeping-v0`: its page."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from thruster_envs.tasks import FormationKeeping, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["FormationKeepingEnv", "FormationKeepingVectorEnv"]
+__all__ = ["FormationKeepingEnv"]
 
 
 class FormationKeepingEnv(TaskEnv):
@@ -127,11 +126,3 @@ class FormationKeepingEnv(TaskEnv):
     """
 
     task_type: ClassVar[type[Task]] = FormationKeeping
-    fixed: ClassVar[dict[str, Any]] = {"commanded": 1}
-
-
-class FormationKeepingVectorEnv(TaskVectorEnv):
-    """Many formations with one commanded craft each; :class:`FormationKeepingEnv` describes one."""
-
-    task_type: ClassVar[type[Task]] = FormationKeeping
-    fixed: ClassVar[dict[str, Any]] = {"commanded": 1}

@@ -1,4 +1,4 @@
-"""`MarsRendezvous-v0` and its native vector form."""
+"""`MarsRendezvous-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import MarsRendezvous, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["MarsRendezvousEnv", "MarsRendezvousVectorEnv"]
+__all__ = ["MarsRendezvousEnv"]
 
 
 class MarsRendezvousEnv(TaskEnv):
@@ -173,11 +172,5 @@ class MarsRendezvousEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = MarsRendezvous
-
-
-class MarsRendezvousVectorEnv(TaskVectorEnv):
-    """Many approaches about Mars; :class:`MarsRendezvousEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = MarsRendezvous

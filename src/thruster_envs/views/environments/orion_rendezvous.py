@@ -1,4 +1,4 @@
-"""`OrionRendezvous-v0` and its native vector form."""
+"""`OrionRendezvous-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import OrionRendezvous, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["OrionRendezvousEnv", "OrionRendezvousVectorEnv"]
+__all__ = ["OrionRendezvousEnv"]
 
 
 class OrionRendezvousEnv(TaskEnv):
@@ -131,11 +130,5 @@ class OrionRendezvousEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = OrionRendezvous
-
-
-class OrionRendezvousVectorEnv(TaskVectorEnv):
-    """Many worlds of the rendezvous; :class:`OrionRendezvousEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = OrionRendezvous

@@ -1,4 +1,4 @@
-"""`PulseDiagnosis-v0` and its native vector form."""
+"""`PulseDiagnosis-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import PulseDiagnosis, Task
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["PulseDiagnosisEnv", "PulseDiagnosisVectorEnv"]
+__all__ = ["PulseDiagnosisEnv"]
 
 
 class PulseDiagnosisEnv(TaskEnv):
@@ -143,11 +142,5 @@ class PulseDiagnosisEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = PulseDiagnosis
-
-
-class PulseDiagnosisVectorEnv(TaskVectorEnv):
-    """Many thrusters to be diagnosed; :class:`PulseDiagnosisEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = PulseDiagnosis

@@ -1,4 +1,4 @@
-"""`ThrusterMapping-v0` and its native vector form."""
+"""`ThrusterMapping-v0`: its page."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from thruster_envs.tasks import Task, ThrusterMapping
 from thruster_envs.views.single import TaskEnv
-from thruster_envs.views.vector import TaskVectorEnv
 
-__all__ = ["ThrusterMappingEnv", "ThrusterMappingVectorEnv"]
+__all__ = ["ThrusterMappingEnv"]
 
 
 class ThrusterMappingEnv(TaskEnv):
@@ -123,11 +122,5 @@ class ThrusterMappingEnv(TaskEnv):
 
     - v0: initial version
     """
-
-    task_type: ClassVar[type[Task]] = ThrusterMapping
-
-
-class ThrusterMappingVectorEnv(TaskVectorEnv):
-    """Many worlds of thruster mapping; :class:`ThrusterMappingEnv` describes one."""
 
     task_type: ClassVar[type[Task]] = ThrusterMapping

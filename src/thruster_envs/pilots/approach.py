@@ -12,16 +12,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.kernels import kernel
+from thruster_envs.physics.access import attitude_error, opener, rate_error
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
 from thruster_envs.physics.orbits import hill_acceleration
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.tasks.access import attitude_error, rate_error
 
 FloatArray = NDArray[np.float64]
 
@@ -29,11 +30,62 @@ FloatArray = NDArray[np.float64]
 #: the planet.
 FACING = (0.5, 0.5, 0.5, -0.5)
 
-# Entries of the law.
-(
-    _DISTANCE, _SPEED, _CONTACT, _BRAKING, _TRANSLATION, _ROTATION, _DAMPING, _IDLE, _CANCEL, _MASS,
-    _MEAN_MOTION,
-) = range(11)  # fmt: skip
+
+@dataclass(frozen=True, kw_only=True)
+class ApproachSettings:
+    """How the approach is flown.
+
+    Attributes:
+        speed: Along-track, m/s.
+        contact_speed: At the target, m/s.
+        braking: Deceleration in between, m/s^2.
+        translation: Natural frequency of the position loop, rad/s.
+        rotation: Natural frequency of the attitude loop, rad/s.
+        damping: Of both.
+        idle: Open rate of a thruster that is not needed.
+    """
+
+    speed: float = 0.1
+    contact_speed: float = 0.05
+    braking: float = 2e-3
+    translation: float = 0.2
+    rotation: float = 0.5
+    damping: float = 0.9
+    idle: float = 0.1
+
+
+class Law(NamedTuple):
+    """The law in numbers.
+
+    Attributes:
+        distance: At the start, m.
+        speed: m/s.
+        contact_speed: m/s.
+        braking: m/s^2.
+        translation: Natural frequency, rad/s.
+        rotation: Natural frequency, rad/s.
+        damping: Of both.
+        idle: Open rate of a thruster that is not needed.
+        cancels: 1 if all thrusters together do nothing, else 0.
+        mass: kg.
+        mean_motion: rad/s.
+    """
+
+    distance: float
+    speed: float
+    contact_speed: float
+    braking: float
+    translation: float
+    rotation: float
+    damping: float
+    idle: float
+    cancels: float
+    mass: float
+    mean_motion: float
+
+
+#: Opens the law of an :class:`ApproachPilot` in a kernel.
+open_law = opener(Law)
 
 
 @dataclass(frozen=True)
@@ -43,9 +95,7 @@ class ApproachPilot:
     Attributes:
         inverse: (n, 6), open rates per N and per N m: minimum norm.
         inertia: (3, 3), kg m^2.
-        law: (11,): distance at the start, m; speed and speed of contact, m/s; deceleration, m/s^2; natural
-            frequencies of translation and rotation, rad/s, and their damping; idle open rate; 1 if all
-            thrusters together do nothing, else 0; mass, kg; mean motion, rad/s.
+        law: As :class:`Law` names them.
     """
 
     inverse: FloatArray
@@ -54,27 +104,26 @@ class ApproachPilot:
 
     @classmethod
     def of(
-        cls,
-        vehicle: Spacecraft,
-        distance: float,
-        *,
-        speed: float = 0.1,
-        contact_speed: float = 0.05,
-        braking: float = 2e-3,
-        translation: float = 0.2,
-        rotation: float = 0.5,
-        damping: float = 0.9,
-        idle: float = 0.1,
+        cls, vehicle: Spacecraft, distance: float, settings: ApproachSettings | None = None
     ) -> ApproachPilot:
-        """The pilot of a vehicle that starts ``distance`` m behind the target at ``speed``."""
+        """The pilot of a vehicle that starts ``distance`` m behind the target."""
+        flown = ApproachSettings() if settings is None else settings
         wrenches = vehicle.wrenches()
         size = np.maximum(np.abs(wrenches).sum(axis=1), np.finfo(np.float64).tiny)
         together = np.abs(wrenches.sum(axis=1)) / size
-        cancel = 1.0 if together.max() < 1e-9 else 0.0
-        law = (
-            distance, speed, contact_speed, braking, translation, rotation, damping, idle, cancel,
-            vehicle.mass, vehicle.mean_motion,
-        )  # fmt: skip
+        law = Law(
+            distance=distance,
+            speed=flown.speed,
+            contact_speed=flown.contact_speed,
+            braking=flown.braking,
+            translation=flown.translation,
+            rotation=flown.rotation,
+            damping=flown.damping,
+            idle=flown.idle,
+            cancels=1.0 if together.max() < 1e-9 else 0.0,
+            mass=vehicle.mass,
+            mean_motion=vehicle.mean_motion,
+        )
         inverse = np.asarray(np.linalg.pinv(wrenches), np.float64)
         return cls(inverse, np.array(vehicle.inertia), np.array(law))
 
@@ -115,19 +164,24 @@ class ApproachPilot:
         >>> tuple(round(x, 6) + 0.0 for x in pilot.reference(206.25))
         (0.0, 0.05, 0.0)
         """
-        y, v, a = approach_reference(float(time), self.law)
+        y, v, a = _reference_at(float(time), self.law)
         return float(y), float(v), float(a)
 
 
 @kernel
+def _reference_at(t, numbers):
+    return approach_reference(t, open_law(numbers))
+
+
+@njit
 def approach_reference(t, law):
     """Along-track position, velocity and acceleration of the reference ``t`` seconds after the start."""
-    speed, contact, braking = law[_SPEED], law[_CONTACT], law[_BRAKING]
+    speed, contact, braking = law.speed, law.contact_speed, law.braking
     braking_time = (speed - contact) / braking
     braking_distance = 0.5 * (speed + contact) * braking_time
-    begins = (law[_DISTANCE] - braking_distance) / speed
+    begins = (law.distance - braking_distance) / speed
     if t < begins:
-        return -law[_DISTANCE] + speed * t, speed, 0.0
+        return -law.distance + speed * t, speed, 0.0
     since = t - begins
     if since < braking_time:
         return (
@@ -148,15 +202,17 @@ def _sights(
 
 
 @kernel(nogil=True)
-def _steer(times, sights, inverse, inertia, law, duties):
+def _steer(times, sights, inverse, inertia, numbers, duties):
     """Write duties (worlds, n) from sights (worlds, 13)."""
+    law = open_law(numbers)
     for world in range(duties.shape[0]):
         steer_one(times[world], sights[world], inverse, inertia, law, duties[world])
 
 
 @kernel(nogil=True)
-def _want(times, sights, inertia, law, wrenches):
+def _want(times, sights, inertia, numbers, wrenches):
     """Write wrenches (worlds, 6) from sights (worlds, 13)."""
+    law = open_law(numbers)
     for world in range(wrenches.shape[0]):
         wrench = _wanted(times[world], sights[world], inertia, law)
         for k in range(6):
@@ -166,19 +222,19 @@ def _want(times, sights, inertia, law, wrenches):
 @njit
 def _wanted(time, sight, inertia, law):
     """Force and torque wanted for one craft, N and N m, body axes, from its sight (13,)."""
-    a, z, mean_motion = law[_TRANSLATION], law[_ROTATION], law[_MEAN_MOTION]
+    a, z, mean_motion = law.translation, law.rotation, law.mean_motion
     y, speed, braking = approach_reference(time, law)
     r = (sight[0], sight[1], sight[2])
     v = (sight[3], sight[4], sight[5])
     q = (sight[6], sight[7], sight[8], sight[9])
     free = hill_acceleration(r, v, mean_motion)
-    damp = 2.0 * law[_DAMPING]
+    damp = 2.0 * law.damping
     force = rotate(
         q,
         (
-            law[_MASS] * (-a * a * r[0] - damp * a * v[0] - free[0]),
-            law[_MASS] * (-a * a * (r[1] - y) - damp * a * (v[1] - speed) + braking - free[1]),
-            law[_MASS] * (-a * a * r[2] - damp * a * v[2] - free[2]),
+            law.mass * (-a * a * r[0] - damp * a * v[0] - free[0]),
+            law.mass * (-a * a * (r[1] - y) - damp * a * (v[1] - speed) + braking - free[1]),
+            law.mass * (-a * a * r[2] - damp * a * v[2] - free[2]),
         ),
     )
     angle = attitude_error(quaternion_product(q, conjugate(FACING)))
@@ -204,6 +260,6 @@ def steer_one(time, sight, inverse, inertia, law, duties):
         for k in range(6):
             duties[i] += inverse[i, k] * wrench[k]
         lowest = min(lowest, duties[i])
-    shift = law[_CANCEL] * max(law[_IDLE], -lowest)
+    shift = law.cancels * max(law.idle, -lowest)
     for i in range(n):
         duties[i] = min(max(duties[i] + shift, 0.0), 1.0)

@@ -1,10 +1,9 @@
-"""The small scripted pilot of the craft that nobody commands: a feedback law and a map without a solver.
+"""The pilot of a craft that keeps its slot: a feedback law and a map without a solver.
 
 Models a proportional-derivative law on measured position, velocity, attitude and rate errors, and an
 allocation that needs no solver: the pseudo-inverse gives on-times of both signs, and a multiple of the
 vehicle's null vector (on-times that cancel) is added until none is negative. Knows nothing of faults. Leaves
-out fuel optimality and
-guidance: it holds a place.
+out fuel optimality and guidance: it holds a place.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from numpy.typing import NDArray
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, place, rate_error, turning_of_frame
 from thruster_envs.physics.attitude import rotate
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.tasks.access import attitude_error, place, rate_error, turning_of_frame
 
 #: Natural frequencies of the feedback, rad/s, and its damping. On Orion a metre of error is gone within three
 #: minutes; twice as fast would cost twice the fuel, most of it to follow the sensor noise.
@@ -27,7 +26,7 @@ TRANSLATION_FREQUENCY, ROTATION_FREQUENCY, DAMPING = 0.02, 0.03, 1.0
 
 
 @dataclass(frozen=True)
-class Pilot:
+class SlotPilot:
     """The map and the gains for one vehicle.
 
     Attributes:
@@ -44,7 +43,7 @@ class Pilot:
     frequencies: tuple[float, float] = (TRANSLATION_FREQUENCY, ROTATION_FREQUENCY)
 
     @classmethod
-    def of(cls, vehicle: Spacecraft) -> Pilot:
+    def of(cls, vehicle: Spacecraft) -> SlotPilot:
         """The pilot of a vehicle."""
         effectiveness = vehicle.effectiveness()
         scale = np.maximum(np.abs(effectiveness).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)

@@ -15,17 +15,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import attitude_error, place
 from thruster_envs.physics.attitude import conjugate, quaternion_product, rotate
 from thruster_envs.spacecraft import Spacecraft
-from thruster_envs.tasks.access import attitude_error, place
 
 #: Error that the whole torque of an axis balances, rad; the rate gain in units of the least allowed; share of
 #: the torque of an axis below which nothing fires, as its inverse.
@@ -57,8 +57,21 @@ class AttitudePilot:
     gains: Gains
 
     @classmethod
-    def of(cls, vehicle: Spacecraft) -> AttitudePilot:
+    def of(
+        cls,
+        vehicle: Spacecraft,
+        *,
+        largest_angle: float = LARGEST_ANGLE,
+        rate_factor: float = RATE_FACTOR,
+        dead_band: float = DEAD_BAND,
+    ) -> AttitudePilot:
         """The pilot of a vehicle.
+
+        Args:
+            vehicle: As the flight software believes it to be.
+            largest_angle: Error that the whole torque of an axis balances, rad.
+            rate_factor: The rate gain in units of the least that is stable for that angle.
+            dead_band: A torque below this part of the whole one, as a divisor, is not asked for.
 
         Raises:
             ValueError: An axis about which no thruster turns it one way.
@@ -77,10 +90,21 @@ class AttitudePilot:
                     )
         axes = np.arange(3)
         torque = np.minimum(torques[axes, thrusters[:, 0]], -torques[axes, thrusters[:, 1]])
-        fastest = np.sqrt(2.0 * torque * LARGEST_ANGLE / np.diag(np.array(vehicle.inertia)))
+        fastest = np.sqrt(2.0 * torque * largest_angle / np.diag(np.array(vehicle.inertia)))
         return cls(
-            Gains(RATE_FACTOR * torque / fastest, torque / LARGEST_ANGLE, torque / DEAD_BAND, thrusters)
+            Gains(rate_factor * torque / fastest, torque / largest_angle, torque / dead_band, thrusters)
         )
+
+    def torque(self, angle: ArrayLike, rate: ArrayLike) -> NDArray[np.float64]:
+        """Torque that the law asks for, (..., 3), N m, dead band aside.
+
+        Args:
+            angle: (..., 3), rad: minus twice the vector part of the error quaternion.
+            rate: (..., 3), rad/s, body axes.
+        """
+        law: Any = _torque.py_func  # the kernels' arithmetic on arrays
+        error, spin = np.asarray(angle, np.float64), np.asarray(rate, np.float64)
+        return np.asarray(law(error, spin, self.gains.angle, self.gains.rate))
 
     def fly(
         self, data: NDArray[np.float64], targets: NDArray[np.float64], first: int, craft: int, worlds: int
@@ -165,8 +189,14 @@ def wanted_pulses(error, rate, gains):
 
 
 @njit(forceinline=True)
+def _torque(angle, rate, angle_gain, rate_gain):
+    """``T = -K_p a - K_d w``, with the angle a = 2 q of a small error."""
+    return -angle_gain * angle - rate_gain * rate
+
+
+@njit(forceinline=True)
 def _wanted(angle, rate, axis, gains):
-    torque = -gains.angle[axis] * angle - gains.rate[axis] * rate
+    torque = _torque(angle, rate, gains.angle[axis], gains.rate[axis])
     if abs(torque) < gains.dead_band[axis]:
         return 0
     return 1 if torque > 0.0 else -1
