@@ -134,13 +134,13 @@ def compile_period(lanes: int) -> Any:
             np.zeros((SIGHT_ROWS, lanes)),
         )
         words, places = np.zeros((word_rows(n), lanes), np.uint64), np.zeros((3, lanes), np.int64)
-        stored = storage_arrays(vehicle.storage, lanes)
+        stored = storage_arrays(vehicle.rows, lanes)
         work = _Work(
             lanes,
             borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]), borrow(owned[4]),
             borrow(owned[5]), borrow(owned[6]), borrow(owned[7]), borrow(owned[8]), borrow(owned[9]),
             borrow(owned[10]), borrow(words), borrow(places[0]), borrow(places[1]), borrow(places[2]),
-            storage_work(stored),
+            storage_work(vehicle.storage, stored),
         )  # fmt: skip
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)

@@ -117,11 +117,11 @@ def compile_period(lanes: int) -> Any:
             np.zeros((SIGHT_ROWS, lanes)),
             np.zeros((2 * count + 4 * batch.faults.shape[2], 1)),
         )  # fmt: skip
-        stored = storage_arrays(vehicle.storage, lanes)
+        stored = storage_arrays(vehicle.rows, lanes)
         work = _Work(
             borrow(words), borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]),
             borrow(owned[4]), borrow(owned[5]), borrow(owned[6]), borrow(owned[7]), borrow(owned[8]),
-            storage_work(stored),
+            storage_work(vehicle.storage, stored),
         )  # fmt: skip
         for b in range(first, last):
             _fly_block(b, batch, vehicle, move, work)

@@ -64,21 +64,19 @@ def state_rows(storage, rows):
 
 
 @njit(forceinline=True)
-def storage_arrays(storage, lanes):
-    """The arrays of :class:`StorageWork`; None where a vehicle stores no momentum."""
-    if storage is None:
-        return None
+def storage_arrays(rows, lanes):
+    """The arrays of :class:`StorageWork`."""
     return (
         np.zeros(lanes),
-        np.zeros((wheel.WHEEL_ROWS, storage.wheels.shape[0])),
-        np.zeros((gyro.GYRO_ROWS, storage.gyros.shape[0])),
+        np.zeros((wheel.WHEEL_ROWS, rows.number_of_wheels)),
+        np.zeros((gyro.GYRO_ROWS, rows.number_of_gyros)),
     )
 
 
 @njit(forceinline=True)
-def storage_work(arrays):
-    """The scratch of a vehicle's storage in these arrays, which are borrowed."""
-    if arrays is None:
+def storage_work(storage, arrays):
+    """The scratch of a vehicle's storage in these arrays, which are borrowed; None where it has none."""
+    if storage is None:
         return None
     return StorageWork(borrow(arrays[0]), borrow(arrays[1]), borrow(arrays[2]))
 
