@@ -117,7 +117,9 @@ class Worlds:
         self.fleet = self.state.fleet
         self.faults = self.fleet.plan(task.fault_source())
         self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
-        self._told = _Told.empty(number, len(task.agents), task.fault_slots)
+        shape = (number, len(task.agents), task.fault_slots)
+        self._whole, self._real = np.zeros((4, *shape), np.int64), np.zeros((2, *shape))
+        self._described = _Described.of(self._whole, self._real)
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -299,7 +301,7 @@ class Worlds:
         return self._info(
             [row.T for row in step.numbers],
             [row.T for row in step.flags],
-            [array.copy() for array in self._told],
+            _Described.of(self._whole.copy(), self._real.copy()),
             step.active,
             step.stale,
             self._report(),
@@ -310,7 +312,7 @@ class Worlds:
         return self._info(
             list(step.numbers[:, agent]),
             list(step.flags[:, agent]),
-            [array[:, agent].copy() for array in self._told],
+            _Described.of(self._whole[:, :, agent].copy(), self._real[:, :, agent].copy()),
             step.active[:, agent],
             step.stale[:, agent],
             {
@@ -324,7 +326,7 @@ class Worlds:
         return self._info(
             step.numbers[:, agent, 0].tolist(),
             step.flags[:, agent, 0].tolist(),
-            [array[0, agent].copy() for array in self._told],
+            _Described.of(self._whole[:, 0, agent].copy(), self._real[:, 0, agent].copy()),
             step.active[0, agent],
             step.stale[0, agent],
             {
@@ -352,14 +354,14 @@ class Worlds:
         self,
         numbers: list[Any],
         flags: list[Any],
-        told: list[Any],
+        described: _Described,
         active: NDArray[np.bool_],
         stale: NDArray[np.bool_],
         report: dict[str, Any],
     ) -> dict[str, Any]:
         """Numbers, flags and faults under their names."""
         *terms, cost, fuel, score, _ = numbers
-        thruster, kind, severity, onset, sensor, axis = told
+        thruster, kind, severity, onset, sensor, axis = described
         return {
             "reward_terms": dict(zip(self.task.reward_terms, terms, strict=True)),
             "cost": cost,
@@ -383,7 +385,7 @@ class Worlds:
     def save(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, as copies by name."""
         own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
-        told = {f"told.{name}": array.copy() for name, array in self._told._asdict().items()}
+        told = {f"told.{name}": array.copy() for name, array in self._described._asdict().items()}
         flags = {"seeded": np.array(self.seeded), "begun": np.array(self.begun)}
         return self.state.save() | own | told | flags
 
@@ -401,16 +403,16 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded, self.begun = bool(saved["seeded"]), bool(saved["begun"])
-        for name, array in self._told._asdict().items():
+        for name, array in self._described._asdict().items():
             array[...] = saved[f"told.{name}"]
 
     def _tell(self, which: NDArray[np.int64]) -> None:
         """Note the faults with which the episodes of some worlds begin."""
-        self.fleet.describe_faults(which, self.task.first_commanded, tuple(self._told))
+        self.fleet.describe_faults(which, self.task.first_commanded, tuple(self._described))
 
 
-class _Told(NamedTuple):
-    """What ``info`` tells of the faults of an episode, (worlds, agents, slots)."""
+class _Described(NamedTuple):
+    """What ``info`` says of the faults of an episode: arrays whose last axis is the slot."""
 
     thruster: NDArray[np.int64]
     kind: NDArray[np.int64]
@@ -420,13 +422,9 @@ class _Told(NamedTuple):
     axis: NDArray[np.int64]
 
     @classmethod
-    def empty(cls, *shape: int) -> _Told:
-        """No faults."""
-
-        def whole() -> NDArray[np.int64]:
-            return np.zeros(shape, np.int64)
-
-        return cls(whole(), whole(), np.zeros(shape), np.zeros(shape), whole(), whole())
+    def of(cls, whole: NDArray[np.int64], real: FloatArray) -> _Described:
+        """Views of two arrays, (4, ...) and (2, ...), which are copied faster than six."""
+        return cls(whole[0], whole[1], real[0], real[1], whole[2], whole[3])
 
 
 def _warn_of_slips(options: Mapping[str, Any]) -> None:
