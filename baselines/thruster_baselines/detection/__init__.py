@@ -11,6 +11,7 @@ from thruster_baselines.detection.calibration import (
 )
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
 from thruster_baselines.detection.confusion import MEASURES, Confusion
+from thruster_baselines.detection.contract import Detector, Telemetry, Verdict
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import EnvironmentFlights, ObservedFiring
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
@@ -44,6 +45,7 @@ __all__ = [
     "Calibration",
     "Confusion",
     "CurvePoint",
+    "Detector",
     "DetectorPlayer",
     "EnvironmentFlights",
     "EstimatorThreshold",
@@ -67,6 +69,8 @@ __all__ = [
     "SetChiSquared",
     "Severity",
     "SingleChiSquared",
+    "Telemetry",
+    "Verdict",
     "WindowedGLR",
     "by_model_comparison",
     "chi_squared_threshold",

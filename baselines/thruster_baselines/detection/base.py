@@ -24,16 +24,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.settings import (
     SOURCE_MEASUREMENT_NOISE,
     SOURCE_PROCESS_NOISE,
@@ -45,7 +45,7 @@ from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN
 from thruster_baselines.mapping.coupling import convert, thrust_shares
 from thruster_envs.configuration import suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["BaseDetector", "Interval"]
@@ -53,8 +53,7 @@ __all__ = ["BaseDetector", "Interval"]
 _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """One interval, as a detector sees it after the checks.
 
     Attributes:
@@ -188,22 +187,26 @@ class BaseDetector(ABC):
 
     def update(
         self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,
-        duration: float,
+        on_times: Telemetry | ArrayLike,
+        rate_change: ArrayLike | None = None,
+        duration: float | None = None,
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,
-    ) -> Diagnosis:
-        """Take in one interval; see `thruster_envs.protocols.Detector`.
+    ) -> Verdict:
+        """Take in one interval: `Telemetry`, or arrays as in `thruster_envs.protocols.Detector`.
 
         Raises:
             ValueError: A wrong shape, on-times that are negative, longer than the interval or no numbers, a
-                duration that is not positive.
+                duration that is not positive; telemetry without on-times or rate change.
         """
-        interval = self._take_in(on_times, rate_change, duration, valid, age)
-        self.last = interval
-        return self._judge(interval)
+        if isinstance(on_times, Telemetry):
+            seen = on_times
+        else:
+            time = math.nan if duration is None else duration
+            seen = Telemetry(time, on_times=on_times, rate_change=rate_change, valid=valid, age=age)
+        self.last = self._take_in(seen)
+        return self._diagnose(self.last)
 
     @property
     def refused(self) -> dict[str, IntArray]:
@@ -231,7 +234,7 @@ class BaseDetector(ABC):
         return f"the rate change of vehicle {vehicle}, {self._limits.line(k, value, interval.duration)}"
 
     @abstractmethod
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         """What to say of a checked interval."""
 
     def _begin(self, mask: BoolArray) -> None:
@@ -245,17 +248,11 @@ class BaseDetector(ABC):
     def _forget(self, mask: BoolArray) -> None:  # noqa: B027 - most detectors gather nothing
         """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""
 
-    def _take_in(
-        self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,
-        duration: float,
-        valid: ArrayLike | None,
-        age: ArrayLike | None,
-    ) -> Interval:
+    def _take_in(self, seen: Telemetry) -> Interval:
         count, (m, n) = self._vehicles, self._nominal.shape
-        commanded = self._whole(on_times, n, "on_times")
-        measured = self._whole(rate_change, m, "rate_change")
+        commanded = self._whole(seen.need("on_times"), n, "on_times")
+        measured = self._whole(seen.need("rate_change"), m, "rate_change")
+        duration, valid, age = seen.duration, seen.valid, seen.age
         if not (duration > 0.0 and math.isfinite(duration)):
             raise ValueError(f"duration is {duration}; a positive number of s would be right")
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
@@ -297,15 +294,20 @@ class BaseDetector(ABC):
         suspicion: FloatArray,
         shortfall: FloatArray,
         limit: FloatArray | None = None,
-    ) -> Diagnosis:
+    ) -> Verdict:
         """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell.
 
         `limit` (vehicles,) stands for the threshold in this interval.
         """
         detected = statistic > (self.threshold if limit is None else limit)
-        return Diagnosis(
-            detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall
-        )
+        return Verdict(
+            detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall,
+            self._kinds(detected),
+        )  # fmt: skip
+
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
+        """Of each vehicle, the kind of fault where one is detected; nothing where it cannot be told."""
+        return ()
 
 
 @kernel(nogil=True)

@@ -21,8 +21,9 @@ from __future__ import annotations
 import numpy as np
 
 from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
 __all__ = ["GenericChiSquared", "SetChiSquared", "SingleChiSquared"]
 
@@ -45,7 +46,7 @@ class GenericChiSquared(_ChiSquared):
         settings: Of the filter and of the feed; see `FilterSettings`.
     """
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         nobody, statistic, blamed = self._empty()
         _generic(interval.residual, interval.covariance, interval.valid, statistic)
         return self._answer(statistic, blamed, nobody, np.zeros_like(nobody))
@@ -75,7 +76,7 @@ class SingleChiSquared(_ChiSquared):
 
     axes: FloatArray
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         suspicion, statistic, blamed = self._empty()
         self.axes = _squares(interval)
         _single(self.axes, self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
@@ -101,7 +102,7 @@ class SetChiSquared(_ChiSquared):
     array([4])
     """
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         suspicion, statistic, blamed = self._empty()
         _set(_squares(interval), self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
         return self._answer(statistic, blamed, suspicion, np.zeros_like(suspicion))

@@ -33,11 +33,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CUSUMDetector"]
@@ -94,7 +95,7 @@ class CUSUMDetector(BaseDetector):
         self.sums[mask] = 0.0
         self._runs[mask] = 0.0
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
         statistic, blamed = np.zeros(count), np.zeros(count, np.int64)

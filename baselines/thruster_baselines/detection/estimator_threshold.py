@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import Interval
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["SOURCE_LOST_SHARE", "EstimatorThreshold"]
@@ -75,7 +76,7 @@ class EstimatorThreshold(LimitedDetector):
                 "variance would be right"
             )
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         lost = np.zeros((count, n))
         statistic, blamed = np.zeros(count), np.zeros(count, np.int64)

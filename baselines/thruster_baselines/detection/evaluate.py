@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
+from thruster_baselines.detection.contract import Detector, reader_of
 from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.detection.identification import (
     Identification,
@@ -42,14 +43,18 @@ from thruster_baselines.detection.identification import (
     least_squares_severity,
 )
 from thruster_baselines.statistics import clopper_pearson
+from thruster_envs import protocols
 from thruster_envs.extras import extra
-from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray, NavigationDetector
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_comparison", "evaluate", "table"]
+
+AnyDetector: TypeAlias = Detector | protocols.Detector | protocols.NavigationDetector
+"""By the one contract, or one whose `update` takes arrays."""
 
 Identifier: TypeAlias = Callable[[Any, IntArray], Identification]
 """Says how the named thrusters (vehicles,), from 1 and 0 for none, fail, right after an update."""
@@ -262,7 +267,7 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
     The size of a loss or of a leak is that of least squares, which is not held to the levels of the models.
     """
 
-    def identify(detector: Detector, thruster: IntArray) -> Identification:
+    def identify(detector: AnyDetector, thruster: IntArray) -> Identification:
         last = getattr(detector, "last", None)
         if last is None:
             raise ValueError(
@@ -280,7 +285,7 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
 
 
 def evaluate(
-    make: Callable[[int], Detector | NavigationDetector],
+    make: Callable[[int], AnyDetector],
     source: FlightSource,
     *,
     name: str,
@@ -384,7 +389,7 @@ class _Flown:
 
 
 def _fly(
-    make: Callable[[int], Detector | NavigationDetector],
+    make: Callable[[int], AnyDetector],
     flights: RecordedFlights,
     threshold: float,
     identify: Identifier | None,
@@ -398,11 +403,13 @@ def _fly(
         detector = make(part.stop - part.start)
         detector.threshold = threshold
         detector.reset()
+        read = reader_of(detector)
         healthy = np.isinf(flights.onset[part])
         waiting = np.zeros(part.stop - part.start, np.bool_)
         for t in range(intervals):
+            telemetry = flights.telemetry(part, t)
             begin = time.perf_counter()
-            diagnosis = detector.update(**flights.step(part, t))
+            diagnosis = read(telemetry)
             flown.seconds += time.perf_counter() - begin
             end = flights.first_answer + t * flights.duration
             early = diagnosis.detected & (end <= flights.onset[part])
@@ -426,7 +433,7 @@ def _fly(
     return flown
 
 
-def _statistics(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> FloatArray:
+def _statistics(make: Callable[[int], AnyDetector], flights: RecordedFlights) -> FloatArray:
     """(flights, intervals): the statistic all along, without any alarm."""
     count, intervals = flights.on_times.shape[:2]
     found = np.empty((count, intervals))
@@ -435,13 +442,14 @@ def _statistics(make: Callable[[int], Detector | NavigationDetector], flights: R
         detector = make(part.stop - part.start)
         detector.threshold = math.inf
         detector.reset()
+        read = reader_of(detector)
         for t in range(intervals):
-            found[part, t] = detector.update(**flights.step(part, t)).statistic
+            found[part, t] = read(flights.telemetry(part, t)).statistic
     return found
 
 
 def _curve(
-    make: Callable[[int], Detector | NavigationDetector],
+    make: Callable[[int], AnyDetector],
     calm: FloatArray,
     healthy: RecordedFlights,
     faulty: RecordedFlights,
@@ -505,16 +513,16 @@ def _by_kind(
     return answer
 
 
-def _time_alone(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> float:
+def _time_alone(make: Callable[[int], AnyDetector], flights: RecordedFlights) -> float:
     """Median of an update of a single vehicle, s."""
-    detector = make(1)
+    read = reader_of(make(1))
     taken = []
     for update in range(_TIMED_UPDATES):
         flight, t = divmod(update, flights.on_times.shape[1])
         flight %= flights.on_times.shape[0]
-        step = flights.step(slice(flight, flight + 1), t)
+        telemetry = flights.telemetry(slice(flight, flight + 1), t)
         begin = time.perf_counter()
-        detector.update(**step)
+        read(telemetry)
         taken.append(time.perf_counter() - begin)
     return float(np.median(taken))
 

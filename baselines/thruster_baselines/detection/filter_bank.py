@@ -33,10 +33,11 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.mapping.coupling import convert
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FilterBank"]
@@ -126,6 +127,10 @@ class FilterBank(BaseDetector):
         best = self.log_weights.argmax(axis=1)
         return [KINDS[(h - 1) % len(KINDS)] if h > 0 else "none" for h in best]
 
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
+        names = {"none": "", "off": "stuck_off", "weak": "loss", "on": "stuck_on"}
+        return tuple(names[kind] if one else "" for kind, one in zip(self.kind, detected, strict=True))
+
     def mixture(self, vehicle: int = 0) -> tuple[FloatArray, FloatArray]:
         """What the thrusters of a vehicle give for each second of command.
 
@@ -155,7 +160,7 @@ class FilterBank(BaseDetector):
         spread = means - mean
         return mean.reshape(n, m).T, within + (spread.T * weights) @ spread
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         each = len(KINDS) * n
         delivered = np.empty((count, each, n))

@@ -36,12 +36,13 @@ from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import Interval, whiten
 from thruster_baselines.detection.calibration import chi_squared_threshold
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, FilterSettings
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SOURCE_THRESHOLD", "GLRDetector"]
@@ -102,7 +103,7 @@ class GLRDetector(LimitedDetector):
             spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, **settings
         )  # fmt: skip
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         ratio, seconds = np.zeros((count, n)), np.zeros((count, n))
         statistic, blamed = np.zeros(count), np.zeros(count, np.int64)

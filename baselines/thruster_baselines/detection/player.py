@@ -28,13 +28,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import ObservedFiring, places
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_envs.faults import mode_of
-from thruster_envs.protocols import Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["DetectorPlayer", "PlayerDetector"]
@@ -176,18 +177,18 @@ class PlayerDetector:
 
     def update(
         self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,  # noqa: ARG002 - it stands in the observation, too
-        duration: float,
+        on_times: Telemetry | ArrayLike,
+        rate_change: ArrayLike | None = None,  # noqa: ARG002 - it stands in the observation, too
+        duration: float = 0.0,
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,  # noqa: ARG002 - an environment's measurements are never late
         observation: NDArray[np.float32] | None = None,
-    ) -> Diagnosis:
+    ) -> Verdict:
         """Take in one interval, as it was observed.
 
         Args:
-            on_times: (vehicles, n), s.
+            on_times: `Telemetry` with all of it, or (vehicles, n), s.
             rate_change: (vehicles, m).
             duration: s.
             valid: (vehicles,), where the observation counts.
@@ -197,6 +198,10 @@ class PlayerDetector:
         Raises:
             ValueError: No observation.
         """
+        if isinstance(on_times, Telemetry):
+            told = on_times
+            on_times, duration = told.need("on_times"), told.duration
+            valid, observation = told.valid, told.observation
         if observation is None:
             raise ValueError(
                 "observation is None; flights that hold them (EnvironmentFlights(observed=True)) would be "
@@ -212,8 +217,8 @@ class PlayerDetector:
         there = np.ones(len(seen), np.bool_) if valid is None else np.asarray(valid, dtype=np.bool_)
         statistic = np.where(there & (self.declared[:, 0] > 0), 1.0, 0.0)
         detected = statistic > self.threshold
-        nothing = np.zeros(np.shape(on_times))
-        return Diagnosis(
+        nothing = np.zeros(np.shape(np.asarray(on_times)))
+        return Verdict(
             detected, np.where(detected, self.declared[:, 0], 0), statistic, self.time.copy(), nothing,
             nothing.copy(),
         )  # fmt: skip

@@ -31,9 +31,10 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["EXCESS", "LOSS", "WindowedGLR", "evidence"]
@@ -96,7 +97,7 @@ class WindowedGLR(BaseDetector):
         self._filled[mask] = 0
         self.onset[mask], self.share[mask], self.excess[mask] = 0.0, 0.0, False
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         ratio, shortfall = np.zeros((count, n)), np.zeros((count, n))
         statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
@@ -106,6 +107,10 @@ class WindowedGLR(BaseDetector):
             ratio, shortfall, statistic, blamed, self.onset, self.share, self.excess,
         )  # fmt: skip
         return self._answer(statistic, blamed, ratio, shortfall)
+
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
+        said = np.where(self.excess, "stuck_on", np.where(self.share == 1.0, "stuck_off", "loss"))
+        return tuple(np.where(detected, said, "").tolist())
 
 
 @njit(error_model="numpy")

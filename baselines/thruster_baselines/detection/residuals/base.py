@@ -19,10 +19,11 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_envs.configuration import require
 from thruster_envs.construction import RecordsArguments
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["BaseNavigationDetector", "Sample", "nominal_delay", "take_attitude"]
@@ -160,25 +161,32 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def update(
         self,
-        open_rates: ArrayLike,
-        position: ArrayLike,
-        attitude: ArrayLike,
+        open_rates: Telemetry | ArrayLike,
+        position: ArrayLike | None = None,
+        attitude: ArrayLike | None = None,
         rate: ArrayLike | None = None,
         *,
         valid: ArrayLike | None = None,
-    ) -> Diagnosis:
-        """Take in one sample; see `thruster_envs.protocols.NavigationDetector`.
+    ) -> Verdict:
+        """Take in one sample: `Telemetry`, or arrays as in `thruster_envs.protocols.NavigationDetector`.
 
         Raises:
-            ValueError: A wrong shape, an open rate that is none.
+            ValueError: A wrong shape, an open rate that is none, telemetry without duties, position or
+                attitude.
         """
-        told = self._rows(open_rates, self._n, "open_rates")
-        place = self._rows(position, 3, "position")
-        pointing = self._rows(attitude, 4, "attitude")
-        turning = self._no_rate if rate is None else self._rows(rate, 3, "rate")
+        if isinstance(open_rates, Telemetry):
+            seen = open_rates
+        else:
+            seen = Telemetry(
+                self._period, duties=open_rates, position=position, attitude=attitude, rate=rate, valid=valid
+            )
+        told = self._rows(seen.need("duties"), self._n, "open_rates")
+        place = self._rows(seen.need("position"), 3, "position")
+        pointing = self._rows(seen.need("attitude"), 4, "attitude")
+        turning = self._no_rate if seen.rate is None else self._rows(seen.rate, 3, "rate")
         there = self._everywhere
-        if valid is not None:
-            there = np.asarray(valid, dtype=np.bool_)
+        if seen.valid is not None:
+            there = np.asarray(seen.valid, dtype=np.bool_)
             if there.shape != (self._vehicles,):
                 raise ValueError(f"valid has the shape {there.shape}; ({self._vehicles},) would be right")
         wrong = _first_wrong(told)
@@ -188,10 +196,10 @@ class BaseNavigationDetector(RecordsArguments, ABC):
                 f"open_rates of vehicle {vehicle}, thruster {thruster + 1} is {told[vehicle, thruster]}; "
                 "a number from 0 to 1 would be right"
             )
-        return self._judge(Sample(told, place, pointing, turning, there))
+        return self._diagnose(Sample(told, place, pointing, turning, there))
 
     @abstractmethod
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         """What to say of a checked sample."""
 
     @abstractmethod
@@ -206,17 +214,22 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def _answer(
         self, statistic: FloatArray, suspicion: FloatArray | None = None, shortfall: FloatArray | None = None
-    ) -> Diagnosis:
+    ) -> Verdict:
         shape = (self._vehicles, self._n)
         time: FloatArray = np.asarray(self._period * (self.samples - 1), np.float64)
-        return Diagnosis(
+        return Verdict(
             self.detected.copy(),
             self.thruster.copy(),
             statistic,
             time,
             np.zeros(shape) if suspicion is None else suspicion,
             np.zeros(shape) if shortfall is None else shortfall,
+            self._kinds(),
         )
+
+    def _kinds(self) -> tuple[str, ...]:
+        """Of each vehicle, the kind of fault where it can be told."""
+        return ()
 
     def _rows(self, given: ArrayLike, size: int, name: str) -> FloatArray:
         return rows_of(np.ascontiguousarray(given, dtype=np.float64), self._vehicles, size, name)

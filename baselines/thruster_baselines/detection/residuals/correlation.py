@@ -29,13 +29,14 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import SETTLING_TIME
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CorrelationDetector"]
@@ -125,7 +126,7 @@ class CorrelationDetector(NormThreshold):
             self._idle = np.zeros((self._vehicles, self._n), np.bool_)
         self.choice[mask] = self._in_a_row[mask] = 0
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         work = partial(
             _correlate, self._residuals, self._rates, self.samples, self._period, self.detected,
             self.detection_time, self.window, self.confirmations, self._vote, self._sign,

@@ -52,6 +52,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.identification import Identification
 from thruster_baselines.detection.residuals.base import (
     BaseNavigationDetector,
@@ -65,7 +66,7 @@ from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
 from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import rotate, rotate_back
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FusionDetector"]
@@ -204,6 +205,7 @@ class FusionDetector(BaseNavigationDetector):
         # innovations of force and torque, body axes, and the weights of torque
         self._seen: FloatArray = np.zeros((_KEPT, vehicles, 10))
         self.share: FloatArray = np.zeros((vehicles, n))
+        self._kind: IntArray = np.zeros(vehicles, np.int64)  # of the named thruster, when it was named
         self.reset()
 
     def identify(self, thruster: ArrayLike | None = None) -> Identification:
@@ -241,6 +243,9 @@ class FusionDetector(BaseNavigationDetector):
         in_threads(work, vehicles.size)
         return statistic, severity
 
+    def _kinds(self) -> tuple[str, ...]:
+        return tuple(FUSION_KINDS[one] if one != NONE else "" for one in self._kind)
+
     def _begin(self, mask: BoolArray) -> None:
         self._begun[mask] = -1
 
@@ -251,8 +256,9 @@ class FusionDetector(BaseNavigationDetector):
         self._sluggish[mask] = 0.0
         self._seen[:, mask] = 0.0
         self.share[mask] = 0.0
+        self._kind[mask] = NONE
 
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
         suspicion = np.zeros((self._vehicles, self._n))
         asked = np.zeros(1, np.int64)  # whether some thruster is ahead for long enough
@@ -275,9 +281,11 @@ class FusionDetector(BaseNavigationDetector):
         n = self._n
         statistic, _ = self._compare(np.repeat(vehicles, n), np.tile(np.arange(1, n + 1), vehicles.size))
         best = statistic.max(axis=1).reshape(-1, n)
+        kinds = statistic.argmax(axis=1).reshape(-1, n)
         second, first = np.sort(best, axis=1)[:, -2:].T
         sure = first - second >= np.maximum(self.margin, _LEAD * first)
         self.thruster[vehicles] = np.where(sure, best.argmax(axis=1) + 1, 0)
+        self._kind[vehicles] = np.where(sure, kinds[np.arange(vehicles.size), best.argmax(axis=1)], NONE)
         self.isolation_time[vehicles[sure]] = self._period * (self.samples[vehicles[sure]] - 1)
         self._ahead[vehicles, 1] = -_AGAIN
 

@@ -18,6 +18,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import (
     SETTLING_TIME,
     BaseNavigationDetector,
@@ -30,7 +31,7 @@ from thruster_baselines.detection.residuals.generator import Observers, observe,
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
@@ -90,7 +91,7 @@ class NormThreshold(BaseNavigationDetector):
         kept = self._observers
         return super()._memory() | {"states": kept.states, "held": kept.held, "begun": kept.begun}
 
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
         work = partial(
             _look, self._observers.arrays, self.effectiveness, sample.open_rates, sample.position,
@@ -101,7 +102,7 @@ class NormThreshold(BaseNavigationDetector):
         in_threads(work, self._vehicles)
         return self._isolate(statistic) if self.detected.any() else self._answer(statistic)
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         """Name a thruster in the vehicles with an alarm, where one can be named."""
         return self._answer(statistic)
 

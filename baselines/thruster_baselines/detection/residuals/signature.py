@@ -29,6 +29,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import SETTLING_TIME, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.generator import turned_direction
@@ -36,7 +37,7 @@ from thruster_baselines.detection.residuals.norm_threshold import DesignName, No
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SignatureDetector"]
@@ -119,7 +120,7 @@ class SignatureDetector(NormThreshold):
         self.kind[mask] = self._choice[mask] = 0
         self.share[mask] = 0.0
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         suspicion = np.zeros((self._vehicles, self._n))
         shortfall = np.zeros((self._vehicles, self._n))
         work = partial(
@@ -130,6 +131,10 @@ class SignatureDetector(NormThreshold):
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._answer(statistic, suspicion, shortfall)
+
+    def _kinds(self) -> tuple[str, ...]:
+        named = np.where(self.detected & (self.thruster > 0), self.kind, 0)
+        return tuple(("", *self.kinds)[one] for one in named)
 
 
 @kernel(nogil=True)
