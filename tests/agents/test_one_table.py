@@ -36,6 +36,7 @@ from thruster_baselines.detection import (
     Telemetry,
     Verdict,
     WindowedGLR,
+    calibrate,
     evaluate,
     table,
 )
@@ -201,6 +202,19 @@ def test_who_is_known_to_find_a_fault_finds_it(name, missed, right):
     found = evaluation(name)
     assert found.missed.value <= missed
     assert right == 0.0 or found.isolated.value >= right
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_one_calibrator_sets_the_threshold_of_each(name):
+    source, make = DETECTORS[name]
+    known = evaluation(name).calibration
+    duration = {rate_changes: 1.0, approaches: 0.1, missions: 1.0}[source]
+    found = calibrate(
+        make, source, range(1000, 1000 + NUMBER[source]), false_alarms=known.false_alarms * 60.0 / duration,
+        per=60.0,
+    )  # fmt: skip
+    assert found.threshold == known.threshold
+    assert found.samples == NUMBER[source]
 
 
 def test_one_table_holds_them_all():

@@ -4,9 +4,14 @@ from thruster_baselines.detection.base import BaseDetector, Interval
 from thruster_baselines.detection.calibration import (
     Calibration,
     Firings,
+    calibrate,
     chi_squared_threshold,
     healthy_firings,
     largest_scaled_threshold,
+    margin_threshold,
+    rate_per_interval,
+    residual_thresholds,
+    threshold_for,
     threshold_for_rate,
 )
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
@@ -34,7 +39,7 @@ from thruster_baselines.detection.identification import (
     least_squares_severity,
 )
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
-from thruster_baselines.detection.response import ResponseTest, threshold_for
+from thruster_baselines.detection.response import ResponseTest
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -73,11 +78,15 @@ __all__ = [
     "Verdict",
     "WindowedGLR",
     "by_model_comparison",
+    "calibrate",
     "chi_squared_threshold",
     "evaluate",
     "healthy_firings",
     "largest_scaled_threshold",
     "least_squares_severity",
+    "margin_threshold",
+    "rate_per_interval",
+    "residual_thresholds",
     "table",
     "threshold_for",
     "threshold_for_rate",

@@ -13,14 +13,15 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_envs import protocols
 from thruster_envs.protocols import Diagnosis, FloatArray
 
-__all__ = ["Detector", "Telemetry", "Verdict", "reader_of"]
+__all__ = ["AnyDetector", "Detector", "Telemetry", "Verdict", "reader_of"]
 
 
 class Telemetry(NamedTuple):
@@ -135,6 +136,10 @@ class Detector(Protocol):
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Restart with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
         ...
+
+
+AnyDetector: TypeAlias = Detector | protocols.Detector | protocols.NavigationDetector
+"""By the one contract, or one whose `update` takes arrays."""
 
 
 def reader_of(detector: Any) -> Callable[[Telemetry], Diagnosis]:

@@ -34,8 +34,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
-from thruster_baselines.detection.contract import Detector, reader_of
+from thruster_baselines.detection.calibration import (
+    FLOWN_TOGETHER,
+    Calibration,
+    statistics_of,
+    threshold_for_rate,
+)
+from thruster_baselines.detection.contract import AnyDetector, reader_of
 from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.detection.identification import (
     Identification,
@@ -43,7 +48,6 @@ from thruster_baselines.detection.identification import (
     least_squares_severity,
 )
 from thruster_baselines.statistics import clopper_pearson
-from thruster_envs import protocols
 from thruster_envs.extras import extra
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
@@ -53,14 +57,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_comparison", "evaluate", "table"]
 
-AnyDetector: TypeAlias = Detector | protocols.Detector | protocols.NavigationDetector
-"""By the one contract, or one whose `update` takes arrays."""
-
 Identifier: TypeAlias = Callable[[Any, IntArray], Identification]
 """Says how the named thrusters (vehicles,), from 1 and 0 for none, fail, right after an update."""
-
-_CHUNK = 500
-"""Vehicles that fly side by side; bounds the memory that a detector takes."""
 
 _TIMED_UPDATES = 300
 """Updates of a single vehicle that are timed."""
@@ -320,7 +318,7 @@ def evaluate(
             f"seed {min(both)} is in validation and in test; disjoint sets, as in thruster_envs.seeds, would "
             "be right"
         )
-    calm = _statistics(make, source(validation, False))
+    calm = statistics_of(make, source(validation, False))
     calibration = threshold_for_rate(calm, false_alarms, confidence)
     healthy, faulty = source(test, False), source(test, True)
     duration, intervals = healthy.duration, healthy.on_times.shape[1]
@@ -398,8 +396,8 @@ def _fly(
     """Fly them with resets after false alarms."""
     count, intervals = flights.on_times.shape[:2]
     flown = _Flown(count)
-    for first in range(0, count, _CHUNK):
-        part = slice(first, min(first + _CHUNK, count))
+    for first in range(0, count, FLOWN_TOGETHER):
+        part = slice(first, min(first + FLOWN_TOGETHER, count))
         detector = make(part.stop - part.start)
         detector.threshold = threshold
         detector.reset()
@@ -433,21 +431,6 @@ def _fly(
     return flown
 
 
-def _statistics(make: Callable[[int], AnyDetector], flights: RecordedFlights) -> FloatArray:
-    """(flights, intervals): the statistic all along, without any alarm."""
-    count, intervals = flights.on_times.shape[:2]
-    found = np.empty((count, intervals))
-    for first in range(0, count, _CHUNK):
-        part = slice(first, min(first + _CHUNK, count))
-        detector = make(part.stop - part.start)
-        detector.threshold = math.inf
-        detector.reset()
-        read = reader_of(detector)
-        for t in range(intervals):
-            found[part, t] = read(flights.telemetry(part, t)).statistic
-    return found
-
-
 def _curve(
     make: Callable[[int], AnyDetector],
     calm: FloatArray,
@@ -456,7 +439,7 @@ def _curve(
     rates: Sequence[float],
     confidence: float,
 ) -> tuple[CurvePoint, ...]:
-    quiet, ill = _statistics(make, healthy), _statistics(make, faulty)
+    quiet, ill = statistics_of(make, healthy), statistics_of(make, faulty)
     intervals, duration = quiet.shape[1], healthy.duration
     ends = healthy.first_answer + np.arange(intervals) * duration
     struck = faulty.onset < intervals * duration

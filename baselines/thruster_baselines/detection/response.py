@@ -16,6 +16,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.detection.calibration import threshold_for
 from thruster_baselines.detection.checks import mask_of
 from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_envs.protocols import FloatArray
@@ -126,30 +127,3 @@ class ResponseTest:
             detected, np.where(detected, lost.argmax(axis=1) + 1, 0), self.statistic, self.time.copy(),
             suspicion, lost * told, tuple(np.where(detected, kind, "").tolist()),
         )  # fmt: skip
-
-
-def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> float:
-    """Threshold that a stated share of healthy episodes exceeds at least once.
-
-    Args:
-        false_alarm_rate: Share of episodes, above 0 and below 1.
-        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a
-            healthy vehicle.
-
-    Raises:
-        ValueError: A rate outside of (0, 1), or too few episodes to tell such a rate.
-
-    >>> threshold_for(0.25, [[0.0, 1.0], [2.0, 0.0], [3.0, 1.0], [4.0, 2.0]])
-    3.25
-    """
-    if not 0.0 < false_alarm_rate < 1.0:
-        raise ValueError(
-            f"false_alarm_rate is {false_alarm_rate}; a number above 0 and below 1 would be right"
-        )
-    largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
-    if largest.size * false_alarm_rate < 1.0:
-        raise ValueError(
-            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; "
-            f"{int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
-        )
-    return float(np.quantile(largest, 1.0 - false_alarm_rate))

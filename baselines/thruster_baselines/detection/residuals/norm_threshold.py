@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from thruster_baselines.detection.calibration import margin_threshold
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import (
     SETTLING_TIME,
@@ -37,9 +38,6 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
 
 DesignName: TypeAlias = Literal["pade", "observer", "undelayed"]
-
-SOURCE_MARGIN = 1.3
-"""Of the threshold over the largest residual of healthy flights."""
 
 
 class NormThreshold(BaseNavigationDetector):
@@ -128,17 +126,6 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
     if name == "undelayed":
         return observer_design(motion, period, late=0)
     raise ValueError(f"design {name!r} is unknown; {suggestion(name, ('pade', 'observer', 'undelayed'))}")
-
-
-def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> float:
-    """The largest statistic of healthy flights, times a margin.
-
-    It says nothing of the false-alarm rate; `calibration.threshold_for_rate` does.
-
-    >>> margin_threshold([[0.0, 2.0], [1.0, 0.5]], margin=1.5)
-    3.0
-    """
-    return margin * float(np.max(np.asarray(statistics, dtype=np.float64)))
 
 
 @kernel(nogil=True)
