@@ -127,9 +127,9 @@ class Tested(_OnDuties):
         n, authority = self.spacecraft.number_of_thrusters, self.spacecraft.authority()
         on_times = self.period * observations[:, 6 : 6 + n].astype(np.float64)
         measured, expected = observations[:, 6 + n : 12 + n], observations[:, 12 + n : 18 + n]
-        health = self.test.update(on_times, authority * (measured.astype(np.float64) - expected))
+        self.test.update(on_times, authority * (measured.astype(np.float64) - expected))
         self.statistics.append(self.test.statistic)
-        believed = self.mapper.effectiveness * health[:, np.newaxis, :]
+        believed = self.test.belief.effectiveness(self.mapper.effectiveness)
         return self.actions(self.mapper(self.command, effectiveness=believed).on_times)
 
 

@@ -47,8 +47,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
-from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
+from thruster_baselines.control.valve_allocation import ValveAllocation, authority_left
 from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing
 from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
@@ -217,8 +218,8 @@ class ChaserPilot:
         self.branch: BoolArray = np.zeros(count, np.bool_)
         self.retreating: BoolArray = np.zeros(count, np.bool_)
         self._closed: BoolArray = np.zeros((count, n), np.bool_)
-        self._belief = ValveBelief.sound(count, n)
-        self._expected = ValveBelief.sound(count, n)  # what the detector is told of
+        self._belief = ActuatorBelief.healthy(count, n)
+        self._expected = ActuatorBelief.healthy(count, n)  # what the detector is told of
         self._blamed: IntArray = np.zeros(count, np.int64)  # the thruster that is taken for faulty, from 1
         self._settled: IntArray = np.zeros(count, np.int64)  # the same, as the detector is told
         self._reviewed: IntArray = np.zeros(count, np.int64)  # the thruster that is asked about again, from 1

@@ -45,7 +45,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
+from thruster_baselines.belief import ActuatorBelief
+from thruster_baselines.control.fault_allocation import FaultAllocation
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternions import rotation_matrix, turned
@@ -285,7 +286,7 @@ class ClassicalPilot:
         n = self.spacecraft.number_of_thrusters
         self.controller.reset()
         self.detector.reset()
-        self.belief = ThrusterBelief.healthy(n)
+        self.belief = ActuatorBelief.healthy(n)
         self.log = []
         self.statistics: list[float] = []
         self.refused = 0
@@ -346,7 +347,7 @@ class ClassicalPilot:
         duties = self._on_times / self.spacecraft.control_period
         return (2.0 * duties - 1.0).astype(np.float32)
 
-    def tell(self, belief: ThrusterBelief) -> None:
+    def tell(self, belief: ActuatorBelief) -> None:
         """Take over what somebody else knows of the thrusters, from the next observation on."""
         before = self.belief
         for i in np.flatnonzero((belief.share != before.share) | (belief.stuck_on != before.stuck_on)):
@@ -402,7 +403,7 @@ class ClassicalPilot:
             wanted[3:] = np.where(outside | stuck.any(), back - rate, command[3:])
             self._on_times = self.allocation(wanted, self.belief)
 
-    def _believe(self, belief: ThrusterBelief) -> None:
+    def _believe(self, belief: ActuatorBelief) -> None:
         """From now on plan, map, predict and expect with this."""
         for i in np.flatnonzero(belief.stuck_on & ~self.belief.stuck_on):
             self._note("held against", int(i) + 1, "stuck_on", float(belief.share[i]))
@@ -412,7 +413,7 @@ class ClassicalPilot:
         # A stuck thruster's plan counts on three others to hold against it, as the nominal geometry needs.
         together = np.zeros(n)
         together[: min(n, _HOLDING)] = self.spacecraft.control_period
-        lasting = float(self.allocation.delivered(together, ThrusterBelief.healthy(n)).max())
+        lasting = float(self.allocation.delivered(together, ActuatorBelief.healthy(n)).max())
         self.controller.believe(effectiveness, np.where(belief.stuck_on, lasting, 0.0))
         self.detector.believe(effectiveness)
 

@@ -32,6 +32,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.settings import (
@@ -160,7 +161,7 @@ class BaseDetector(ABC):
         self._begin(mask)
         self._forget(mask)
 
-    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+    def believe(self, effectiveness: ActuatorBelief | ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness give.
 
         What was believed before of a thruster whose column is another now is forgotten, and its uncertainty
@@ -168,13 +169,15 @@ class BaseDetector(ABC):
         suspected any more. Evidence gathered so far is dropped.
 
         Args:
-            effectiveness: (m, n) or (vehicles, m, n), m/s^2 then rad/s^2.
+            effectiveness: (m, n) or (vehicles, m, n), m/s^2 then rad/s^2, or a belief about the thrusters.
             vehicles: Which ones, as a mask (vehicles,); all by default.
 
         Raises:
             ValueError: A wrong shape, an entry that is not finite.
         """
         mask = self._mask(vehicles)
+        if isinstance(effectiveness, ActuatorBelief):
+            effectiveness = effectiveness.effectiveness(self._nominal)
         given = np.array(effectiveness, dtype=np.float64)
         check_effectiveness(given, self._vehicles, self._nominal.shape)
         given = np.broadcast_to(given, self._believed.shape)

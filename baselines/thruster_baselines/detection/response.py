@@ -16,6 +16,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.calibration import threshold_for
 from thruster_baselines.detection.checks import mask_of
 from thruster_baselines.detection.contract import Telemetry, Verdict
@@ -74,6 +75,11 @@ class ResponseTest:
             return
         mask = mask_of(vehicles, self.time.size)
         self.health[mask], self.statistic[mask], self.time[mask] = 1.0, 0.0, 0.0
+
+    @property
+    def belief(self) -> ActuatorBelief:
+        """What is believed of the thrusters, (vehicles, n)."""
+        return ActuatorBelief.of_shares(self.health)
 
     @overload
     def update(self, on_times: Telemetry, /) -> Verdict: ...

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_envs.configuration import require
@@ -117,19 +118,21 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         self._begin(mask)
         self._clear(mask)
 
-    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+    def believe(self, effectiveness: ActuatorBelief | ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness give, and take back alarms and names.
 
         The observers go on. A thruster with a column of zeros is not suspected any more.
 
         Args:
-            effectiveness: (6, n) or (vehicles, 6, n), m/s^2 then rad/s^2.
+            effectiveness: (6, n) or (vehicles, 6, n), m/s^2 then rad/s^2, or a belief about the thrusters.
             vehicles: Which ones, as a mask (vehicles,); all by default.
 
         Raises:
             ValueError: A wrong shape, an entry that is not finite.
         """
         mask = self._mask(vehicles)
+        if isinstance(effectiveness, ActuatorBelief):
+            effectiveness = effectiveness.effectiveness(self.spacecraft.effectiveness())
         given = np.asarray(effectiveness, dtype=np.float64)
         whole = self.effectiveness.shape
         check_effectiveness(given, self._vehicles, whole[1:])
