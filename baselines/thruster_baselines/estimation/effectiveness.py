@@ -38,7 +38,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -276,23 +276,18 @@ class EffectivenessFilter:
         """
         count, m = rate_change.shape
         residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
-        if self.form in ("shared", "by_axis"):
-            kernel = _update_shared if self.form == "shared" else _update_by_axis
-            work = partial(
-                kernel, on_times, rate_change, valid, self._process, self._diagonal, self.effectiveness,
-                self._covariance, residual, covariance,
-            )  # fmt: skip
+        noise = self._diagonal
+        if self.form not in ("shared", "by_axis"):
+            noise = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
+        update = _Update(
+            on_times, rate_change, valid, self._process, noise, self.effectiveness, self._covariance,
+            residual, covariance,
+        )  # fmt: skip
+        if self.form in ("full", "fired_only"):
+            work = partial(_update_full, update, self.form == "fired_only")
         else:
-            noises = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
-            if self.form == "known":
-                work = partial(
-                    _compare, on_times, rate_change, valid, noises, self.effectiveness, residual, covariance
-                )
-            else:
-                work = partial(
-                    _update_full, on_times, rate_change, valid, self._process, noises,
-                    self.form == "fired_only", self.effectiveness, self._covariance, residual, covariance,
-                )  # fmt: skip
+            kernels = {"known": _compare, "shared": _update_shared, "by_axis": _update_by_axis}
+            work = partial(kernels[self.form], update)
         in_threads(work, count)
         return Innovation(residual, covariance, valid)
 
@@ -361,6 +356,20 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     return values
 
 
+class _Update(NamedTuple):
+    """One interval as kernels take it; the noise is (m,), or (vehicles or 1, m, m) in full."""
+
+    on_times: FloatArray
+    rate_change: FloatArray
+    valid: BoolArray
+    process: FloatArray
+    noise: FloatArray
+    effectiveness: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    residual_covariance: FloatArray
+
+
 @kernel(nogil=True)
 def _update_axis(
     times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
@@ -388,19 +397,8 @@ def _update_axis(
 
 
 @kernel(nogil=True)
-def _update_shared(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_shared(update: _Update, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     pu, nothing = np.empty(n), np.zeros(n)
     for v in range(first, last):
@@ -418,19 +416,8 @@ def _update_shared(
 
 
 @kernel(nogil=True)
-def _update_by_axis(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_by_axis(update: _Update, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     pu = np.empty(n)
     for v in range(first, last):
@@ -447,17 +434,8 @@ def _update_by_axis(
 
 
 @kernel(nogil=True)
-def _compare(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    noises: FloatArray,
-    effectiveness: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _compare(update: _Update, first: int, last: int) -> None:
+    times, measured, there, _, noises, effectiveness, _, residual, spread = update
     m, n = effectiveness.shape[1:]
     for v in range(first, last):
         spread[v] = noises[v if noises.shape[0] > 1 else 0]
@@ -470,20 +448,8 @@ def _compare(
 
 
 @kernel(nogil=True)
-def _update_full(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    fired_only: bool,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_full(update: _Update, fired_only: bool, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     size = m * n
     ph, gain = np.empty((m, size)), np.empty((m, size))  # H P and K'

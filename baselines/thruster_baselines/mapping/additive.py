@@ -33,13 +33,15 @@ from thruster_baselines.mapping.dual import change_bounds, change_costs, repair
 from thruster_baselines.mapping.simplex import (
     OPTIMAL,
     TIE,
+    Programs,
+    Solutions,
     read,
     solve_from_start,
     start,
     tableau_shape,
 )
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["AdditiveCompensationMapper"]
@@ -107,23 +109,16 @@ _RULES = {"none": 0, "raise_unused": 1, "lower_used": 2}
 
 @kernel(nogil=True)
 def _additive_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
+    problem: Programs,
+    answer: Solutions,
     shares: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    tolerance: float,
-    max_iterations: int,
-    rule: int,
-    factor: float,
+    settings: tuple[float, int, int, float],
     first: int,
     last: int,
 ) -> None:
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    tolerance, max_iterations, rule, factor = settings
     m, n = effectiveness.shape[1:]
     missing, goal, achieved, rest = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     more, room, costs, delivered = np.empty(n), np.empty(n), np.empty(n), np.empty(n)

@@ -44,6 +44,8 @@ from thruster_baselines.mapping.simplex import (
     SIGN,
     TABLEAU,
     TIE,
+    Programs,
+    Solutions,
     in_threads,
     read,
     solve_from_start,
@@ -148,20 +150,15 @@ class MinimumPulseMapper(CompiledMapper):
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         batch, m = command.shape
-        answer = (
-            np.empty((batch, effectiveness.shape[2])),
-            np.empty((batch, m)),
-            np.empty(batch),
-            np.zeros((batch, 4), np.int64),
+        answer = Solutions.empty(batch, m, effectiveness.shape[2], programs=True)
+        problem = Programs(command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost)
+        settings = self.minimum_pulse, self.resolution or 0.0, self.max_nodes
+        in_threads(
+            lambda first, last: _search_range(problem, answer, settings, first, last), batch, self._threads
         )
-        arrays = (
-            command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost,
-            self.minimum_pulse, self.resolution or 0.0, self.max_nodes, *answer,
-        )  # fmt: skip
-        in_threads(lambda first, last: _search_range(*arrays, first, last), batch, self._threads)
-        failed = (answer[3][:, 0] == NOT_FINITE) | (answer[3][:, 0] == NOT_CONVERGED)
+        failed = np.isin(answer.report[:, 0], (NOT_FINITE, NOT_CONVERGED))
         if failed.any():
-            raise_unless_optimal(command[failed], answer[3][failed])
+            raise_unless_optimal(command[failed], answer.report[failed])
         return answer
 
     def _answer(
@@ -203,18 +200,9 @@ def pulse_lengths(given: ArrayLike, thrusters: int, what: str) -> FloatArray:
 
 @kernel(nogil=True)
 def _search_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    minimum_pulse: FloatArray,
-    resolution: float,
-    max_nodes: int,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
+    problem: Programs,
+    answer: Solutions,
+    settings: tuple[FloatArray, float, int],
     first: int,
     last: int,
 ) -> None:
@@ -223,6 +211,9 @@ def _search_range(
     A node is the problem with each thruster kept between two on-times that it can give. Nodes wait on a
     stack, with the lower bound of the one that they come from; the one nearer to that one's answer is next.
     """
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    minimum_pulse, resolution, max_nodes = settings
     m, n = effectiveness.shape[1:]
     w = np.empty(tableau_shape(m, n))
     depth = (n if resolution == 0.0 else max_nodes) + 2

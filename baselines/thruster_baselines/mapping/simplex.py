@@ -30,6 +30,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,6 +44,8 @@ __all__ = [
     "NOT_FINITE",
     "OPTIMAL",
     "PARALLEL_FROM",
+    "Programs",
+    "Solutions",
     "in_threads",
     "solve_batch",
     "solve_range",
@@ -70,6 +73,46 @@ LANES = 8  # float64 numbers in the widest vector register
 VALUE, CEILING, FALL, RATIO, BASIS, SIGN, BOUND, SCALE, GAIN, PIVOT_ROW, TABLEAU = range(11)
 
 
+class Programs(NamedTuple):
+    """A batch of mapping problems as kernels take them; see `solve_batch`.
+
+    Attributes:
+        command: (batch, m), m/s then rad/s.
+        effectiveness: (batch, m, n), or (1, m, n) for all, m/s^2 then rad/s^2.
+        max_on_time: (batch, n), or (1, n) for all, s.
+        fuel_cost: (batch, n), (1, n) or (n,), per s.
+        slack_cost: (m,), per m/s then per rad/s.
+    """
+
+    command: FloatArray
+    effectiveness: FloatArray
+    max_on_time: FloatArray
+    fuel_cost: FloatArray
+    slack_cost: FloatArray
+
+
+class Solutions(NamedTuple):
+    """Where kernels write.
+
+    Attributes:
+        on_times: (batch, n), s.
+        slack: (batch, m), command units.
+        cost: (batch,).
+        report: (batch, 3 or 4): status, changes of basis, runs from bound to bound, linear programs.
+    """
+
+    on_times: FloatArray
+    slack: FloatArray
+    cost: FloatArray
+    report: IntArray
+
+    @classmethod
+    def empty(cls, batch: int, axes: int, thrusters: int, programs: bool = False) -> Solutions:
+        """Room for a batch; where linear programs are counted, the report begins with zeros."""
+        report = np.zeros((batch, 4), np.int64) if programs else np.empty((batch, 3), np.int64)
+        return cls(np.empty((batch, thrusters)), np.empty((batch, axes)), np.empty(batch), report)
+
+
 def solve_batch(
     command: FloatArray,
     effectiveness: FloatArray,
@@ -77,7 +120,7 @@ def solve_batch(
     fuel_cost: FloatArray,
     slack_cost: FloatArray,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+) -> Solutions:
     """Solve a batch of mapping problems; arrays must be C-contiguous and writeable float64.
 
     Args:
@@ -95,32 +138,17 @@ def solve_batch(
         zero), changes of basis, and runs of a thruster from bound to bound.
     """
     batch, axes = command.shape
-    answer = (
-        np.empty((batch, effectiveness.shape[2])),
-        np.empty((batch, axes)),
-        np.empty(batch),
-        np.empty((batch, 3), np.int64),
-    )
-    problem = (command, effectiveness, max_on_time, fuel_cost, slack_cost)
-    in_threads(lambda first, last: solve_range(*problem, *answer, first, last), batch, threads)
+    answer = Solutions.empty(batch, axes, effectiveness.shape[2])
+    problem = Programs(command, effectiveness, max_on_time, fuel_cost, slack_cost)
+    in_threads(lambda first, last: solve_range(problem, answer, first, last), batch, threads)
     return answer
 
 
 @kernel(nogil=True)
-def solve_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    first: int,
-    last: int,
-) -> None:
-    """Solve problems `first` to `last` (excluded) of a batch into the given arrays; see `solve_batch`."""
+def solve_range(problem: Programs, answer: Solutions, first: int, last: int) -> None:
+    """Solve problems `first` to `last` (excluded) of a batch into the answer; see `solve_batch`."""
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
     m, n = effectiveness.shape[1:]
     w = np.empty(tableau_shape(m, n))
     own_effectiveness, own_bounds = effectiveness.shape[0] > 1, max_on_time.shape[0] > 1
