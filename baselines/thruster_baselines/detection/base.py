@@ -1,23 +1,16 @@
-"""What all detectors here share: the checks at the door, the filter, the clock, and what a test is made of.
+"""What detectors of rate changes share: input validation, the filter, the clock, and what a test is made of.
 
-Of an interval a detector gets the commanded on-times and the measured rate change. The base takes the loss of
-the shared feed off the on-times, so that it does not look like a fault, refuses measurements that are late,
-no numbers, or such as no firing of this vehicle could have given, and lets a filter of the thrusters'
-effectiveness (`thruster_baselines.estimation.EffectivenessFilter`) say what was unexpected in the rest: the
-residual, and the covariance Y that it should have. A detector adds a statistic of them and names a thruster.
-Refusals are counted by their reason (`thruster_baselines.estimation.REFUSALS`).
+The base takes the loss of the shared feed off the commanded on-times, refuses measurements that are late, NaN
+or beyond what this vehicle can do (counted by `thruster_baselines.estimation.REFUSALS`), and gets from a
+filter of the effectiveness (`EffectivenessFilter`) the residual and the covariance Y that it should have. A
+detector adds a statistic of these and isolates a thruster.
 
-How large errors are taken to be is the choice of `noise`:
+The errors are `noise`: a number or one per axis (Yang 2003, chapter 6: R = 10, Q = 0.01, to which its
+thresholds belong; not the size of any error), or `PhysicalNoise(spacecraft)`: sensors and scatter as
+described; then nothing is learned unless a `process_noise` is given.
 
-- a number, or one per axis: the source has R = 10 and Q = 0.01 (Yang 2003, chapter 6), and its thresholds
-  (5.5e-5 for the likelihood ratio) belong to them. They mix m/s with rad/s and are not the size of any error.
-- `PhysicalNoise(spacecraft)`: what the sensors and the scatter of the thrusters give. By default the filter
-  then learns nothing and expects what it was told to believe; give a `process_noise` to let it learn.
-
-Left out: that consecutive rate changes share a velocity measurement. A measurement that belongs to another
-interval than its age says, or that has no age, cannot be told from a fault; navigation's own messages can be
-checked for that, and so that nothing is lost with one of them
-(`thruster_baselines.estimation.MeasurementGate`).
+Left out: that consecutive rate changes share a velocity measurement; measurements without an age, or with a
+wrong one (`thruster_baselines.estimation.MeasurementGate` checks navigation's own messages).
 """
 
 from __future__ import annotations
@@ -66,6 +59,7 @@ class Interval(NamedTuple):
         effectiveness: (vehicles, m, n), believed before this measurement, m/s^2 then rad/s^2.
         residual: (vehicles, m), measured minus expected; zero where not valid.
         covariance: (vehicles, m, m), of the residual if nothing is wrong.
+        excluded: (vehicles, n), thrusters that are believed dead and not suspected.
     """
 
     commanded: FloatArray
@@ -76,6 +70,38 @@ class Interval(NamedTuple):
     effectiveness: FloatArray
     residual: FloatArray
     covariance: FloatArray
+    excluded: BoolArray
+
+
+class Scores(NamedTuple):
+    """What a test fills in for each vehicle; zeros to begin with.
+
+    Attributes:
+        statistic: (vehicles,), test statistic that is compared with the threshold.
+        thruster: (vehicles,), the likeliest one, from 1; 0 where the method cannot tell.
+        suspicion: (vehicles, n), test statistic of each thruster.
+        shortfall: (vehicles, n), s, on-time deficit of each if it is the faulty one.
+    """
+
+    statistic: FloatArray
+    thruster: IntArray
+    suspicion: FloatArray
+    shortfall: FloatArray
+
+    @classmethod
+    def of(cls, interval: Interval) -> Scores:
+        """Zeros for the vehicles and thrusters of an interval."""
+        shape = interval.on_times.shape
+        return cls(np.zeros(shape[0]), np.zeros(shape[0], np.int64), np.zeros(shape), np.zeros(shape))
+
+
+class _Intake(NamedTuple):
+    """What is kept of the vehicles' input: (vehicles,), but for the counts (reasons, vehicles)."""
+
+    reason: IntArray
+    axis: IntArray
+    refused: IntArray
+    time: FloatArray
 
 
 class BaseDetector(ABC):
@@ -265,10 +291,9 @@ class BaseDetector(ABC):
         if ages.shape != (count,):
             raise ValueError(f"age has the shape {ages.shape}; ({count},) would be right")
         effective = np.empty((count, n))
-        wrong = _at_the_door(
-            commanded, measured, there, ages, float(duration), self._shares, self._limits.rate,
-            self._limits.error, effective, self._reason, self._axis, self._refused, self.time,
-        )  # fmt: skip
+        intake = _Intake(self._reason, self._axis, self._refused, self.time)
+        limits = self._shares, self._limits.rate, self._limits.error
+        wrong = _validate_input(commanded, measured, there, ages, float(duration), limits, intake, effective)
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), n)
             raise ValueError(
@@ -281,7 +306,7 @@ class BaseDetector(ABC):
         innovation = self.filter.advance(effective, measured, there, noise)
         return Interval(
             commanded, effective, measured, float(duration), innovation.valid, before,
-            innovation.residual, innovation.covariance,
+            innovation.residual, innovation.covariance, self._dead.copy(),
         )  # fmt: skip
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
@@ -290,22 +315,12 @@ class BaseDetector(ABC):
     def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
         return mask_of(vehicles, self._vehicles)
 
-    def _answer(
-        self,
-        statistic: FloatArray,
-        blamed: IntArray,
-        suspicion: FloatArray,
-        shortfall: FloatArray,
-        limit: FloatArray | None = None,
-    ) -> Verdict:
-        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell.
-
-        `limit` (vehicles,) stands for the threshold in this interval.
-        """
-        detected = statistic > (self.threshold if limit is None else limit)
+    def _answer(self, scores: Scores, limit: FloatArray | None = None) -> Verdict:
+        """The verdict; `limit` (vehicles,) stands for the threshold in this interval."""
+        detected = scores.statistic > (self.threshold if limit is None else limit)
         return Verdict(
-            detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall,
-            self._kinds(detected),
+            detected, np.where(detected, scores.thruster, 0), scores.statistic, self.time.copy(),
+            scores.suspicion, scores.shortfall, self._kinds(detected),
         )  # fmt: skip
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
@@ -314,25 +329,23 @@ class BaseDetector(ABC):
 
 
 @kernel(nogil=True)
-def _at_the_door(
+def _validate_input(
     commanded: FloatArray,
     measured: FloatArray,
     there: NDArray[np.bool_],
     age: FloatArray,
     duration: float,
-    shares: FloatArray,
-    largest_rate: FloatArray,
-    largest_error: FloatArray,
+    limits: tuple[FloatArray, FloatArray, FloatArray],
+    intake: _Intake,
     effective: FloatArray,
-    reason: IntArray,
-    axis: IntArray,
-    refused: IntArray,
-    time: FloatArray,
 ) -> int:
     """Effective on-times, clock, and refusals; the flat index of the first on-time that cannot be, or -1.
 
-    Nothing but scratch is written if there is one.
+    Nothing but scratch is written if there is one. The limits are the shares of thrust of the shared feed,
+    the largest rate of change and the largest error.
     """
+    shares, largest_rate, largest_error = limits
+    reason, axis, refused, time = intake
     count, n = commanded.shape
     wrong, longest = -1, duration * (1.0 + _ROUNDING)
     for v in range(count):

@@ -20,24 +20,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
 from thruster_baselines.detection.contract import Verdict
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 
 __all__ = ["GenericChiSquared", "SetChiSquared", "SingleChiSquared"]
 
 
-class _ChiSquared(BaseDetector):
-    """What the three have in common."""
-
-    def _empty(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Suspicion (vehicles, n), statistic and blamed (vehicles,), zeros."""
-        count, _, n = self._believed.shape
-        return np.zeros((count, n)), np.zeros(count), np.zeros(count, np.int64)
-
-
-class GenericChiSquared(_ChiSquared):
+class GenericChiSquared(BaseDetector):
     """Says that something is wrong where the residual as a whole is too large; names nobody.
 
     Args:
@@ -47,12 +38,12 @@ class GenericChiSquared(_ChiSquared):
     """
 
     def _diagnose(self, interval: Interval) -> Verdict:
-        nobody, statistic, blamed = self._empty()
-        _generic(interval.residual, interval.covariance, interval.valid, statistic)
-        return self._answer(statistic, blamed, nobody, np.zeros_like(nobody))
+        scores = Scores.of(interval)
+        _generic(interval, scores.statistic)
+        return self._answer(scores)
 
 
-class SingleChiSquared(_ChiSquared):
+class SingleChiSquared(BaseDetector):
     """Says on which axes something is wrong, and who it is if one thruster alone acts on all of them.
 
     A thruster's suspicion is the largest statistic among its axes, or zero if it does not act on an axis on
@@ -77,13 +68,13 @@ class SingleChiSquared(_ChiSquared):
     axes: FloatArray
 
     def _diagnose(self, interval: Interval) -> Verdict:
-        suspicion, statistic, blamed = self._empty()
+        scores = Scores.of(interval)
         self.axes = _squares(interval)
-        _single(self.axes, self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
-        return self._answer(statistic, blamed, suspicion, np.zeros_like(suspicion))
+        _single(self.axes, self._believed, interval.excluded, self.threshold, scores)
+        return self._answer(scores)
 
 
-class SetChiSquared(_ChiSquared):
+class SetChiSquared(BaseDetector):
     """Sums up the axes of each thruster, and names one where its set of axes is its own.
 
     The statistic of a larger set is never below that of a smaller one inside of it. So of all sets outside
@@ -103,9 +94,9 @@ class SetChiSquared(_ChiSquared):
     """
 
     def _diagnose(self, interval: Interval) -> Verdict:
-        suspicion, statistic, blamed = self._empty()
-        _set(_squares(interval), self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
-        return self._answer(statistic, blamed, suspicion, np.zeros_like(suspicion))
+        scores = Scores.of(interval)
+        _set(_squares(interval), self._believed, interval.excluded, self.threshold, scores)
+        return self._answer(scores)
 
 
 def _squares(interval: Interval) -> FloatArray:
@@ -116,26 +107,21 @@ def _squares(interval: Interval) -> FloatArray:
 
 
 @kernel(nogil=True)
-def _generic(residual: FloatArray, covariance: FloatArray, valid: BoolArray, statistic: FloatArray) -> None:
-    m = residual.shape[1]
+def _generic(interval: Interval, statistic: FloatArray) -> None:
+    m = interval.residual.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
-    for v in range(residual.shape[0]):
-        if valid[v]:
-            whiten(covariance[v], residual[v], none, root, e, a)
+    for v in range(statistic.size):
+        if interval.valid[v]:
+            whiten(interval.covariance[v], interval.residual[v], none, root, e, a)
             for k in range(m):
                 statistic[v] += e[k] * e[k]
 
 
 @kernel(nogil=True)
 def _single(
-    squares: FloatArray,
-    effectiveness: FloatArray,
-    dead: BoolArray,
-    threshold: float,
-    suspicion: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    squares: FloatArray, effectiveness: FloatArray, dead: BoolArray, threshold: float, scores: Scores
 ) -> None:
+    statistic, blamed, suspicion, _ = scores
     m, n = effectiveness.shape[1:]
     for v in range(squares.shape[0]):
         for k in range(m):
@@ -162,14 +148,9 @@ def _single(
 
 @kernel(nogil=True)
 def _set(
-    squares: FloatArray,
-    effectiveness: FloatArray,
-    dead: BoolArray,
-    threshold: float,
-    suspicion: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    squares: FloatArray, effectiveness: FloatArray, dead: BoolArray, threshold: float, scores: Scores
 ) -> None:
+    statistic, blamed, suspicion, _ = scores
     m, n = effectiveness.shape[1:]
     for v in range(squares.shape[0]):
         smallest, sharing = m + 1, 0

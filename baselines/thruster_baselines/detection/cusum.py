@@ -32,13 +32,13 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CUSUMDetector"]
@@ -82,9 +82,7 @@ class CUSUMDetector(BaseDetector):
             if not 0.0 < size <= 1.0:
                 raise ValueError(f"{name} is {size}; a share above 0 and up to 1 would be right")
         self._design = np.array([design_loss, design_excess])
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():
@@ -96,45 +94,28 @@ class CUSUMDetector(BaseDetector):
         self._runs[mask] = 0.0
 
     def _diagnose(self, interval: Interval) -> Verdict:
-        count, n = interval.on_times.shape
-        suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _gather(
-            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
-            interval.on_times, interval.duration, self._design, self.sums,
-            self._runs, suspicion, shortfall, statistic, blamed,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, suspicion, shortfall)
+        scores = Scores.of(interval)
+        _gather(interval, self._design, self.sums, self._runs, scores)
+        return self._answer(scores)
 
 
 @kernel(nogil=True)
 def _gather(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    on_times: FloatArray,
-    duration: float,
-    design: FloatArray,
-    sums: FloatArray,
-    runs: FloatArray,
-    suspicion: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    interval: Interval, design: FloatArray, sums: FloatArray, runs: FloatArray, scores: Scores
 ) -> None:
-    m, n = effectiveness.shape[1:]
+    on_times, duration = interval.on_times, interval.duration
+    statistic, blamed, suspicion, shortfall = scores
+    m, n = interval.effectiveness.shape[1:]
     root, e, a, row = np.empty((m, m)), np.empty(m), np.empty((m, n)), np.empty((4, n))
-    for v in range(residual.shape[0]):
-        if not valid[v]:
+    for v in range(statistic.size):
+        if not interval.valid[v]:
             continue
-        evidence(residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, row)
+        evidence(interval, v, root, e, a, row)
         best = 0.0
         for kind in range(2):
             q = design[kind]
             for i in range(n):
-                if dead[v, i]:
+                if interval.excluded[v, i]:
                     continue
                 step = q * row[2 * kind, i] - 0.5 * q * q * row[2 * kind + 1, i]
                 gathered = max(0.0, sums[v, kind, i] + step)

@@ -32,12 +32,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
+from thruster_baselines.estimation import Innovation
 from thruster_baselines.mapping.coupling import convert
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FilterBank"]
@@ -85,9 +86,7 @@ class FilterBank(BaseDetector):
         if not 0.0 < floor < 1.0:
             raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
         self.weak_share, self._floor = weak_share, floor
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:
             raise ValueError(
@@ -172,14 +171,9 @@ class FilterBank(BaseDetector):
         innovation = self._bank.advance(
             rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
         )
-        suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _weigh(
-            interval.residual, interval.covariance, innovation.residual, innovation.covariance,
-            interval.valid, interval.on_times, interval.duration, self.weak_share, np.log(self._floor),
-            self.log_weights, suspicion, shortfall, statistic, blamed,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, suspicion, shortfall)
+        scores = Scores.of(interval)
+        _weigh(interval, innovation, self.weak_share, np.log(self._floor), self.log_weights, scores)
+        return self._answer(scores)
 
 
 @kernel(nogil=True)
@@ -210,33 +204,27 @@ def _hypothetical(
 
 @kernel(nogil=True)
 def _weigh(
-    sound_residual: FloatArray,
-    sound_covariance: FloatArray,
-    residual: FloatArray,
-    covariance: FloatArray,
-    valid: BoolArray,
-    on_times: FloatArray,
-    duration: float,
+    interval: Interval,
+    bank: Innovation,
     weak: float,
     floor: float,
     log_weights: FloatArray,
-    suspicion: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    scores: Scores,
 ) -> None:
-    m, n = sound_residual.shape[1], on_times.shape[1]
+    on_times, duration = interval.on_times, interval.duration
+    statistic, blamed, suspicion, shortfall = scores
+    m, n = interval.residual.shape[1], on_times.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
     for v in range(on_times.shape[0]):
-        if not valid[v]:
+        if not interval.valid[v]:
             continue
         weights = log_weights[v]
         for h in range(1 + 3 * n):
             if h == 0:
-                whiten(sound_covariance[v], sound_residual[v], none, root, e, a)
+                whiten(interval.covariance[v], interval.residual[v], none, root, e, a)
             else:
                 at = v * 3 * n + h - 1
-                whiten(covariance[at], residual[at], none, root, e, a)
+                whiten(bank.covariance[at], bank.residual[at], none, root, e, a)
             for k in range(m):
                 weights[h] -= 0.5 * e[k] * e[k] + np.log(root[k, k])
         _normalise(weights)

@@ -24,13 +24,13 @@ consecutive rate changes share a velocity measurement, so that their errors part
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
@@ -80,9 +80,7 @@ class WindowedGLR(BaseDetector):
         if window < 1:
             raise ValueError(f"window is {window}; one interval or more would be right")
         self.window = window
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():
@@ -98,48 +96,44 @@ class WindowedGLR(BaseDetector):
         self.onset[mask], self.share[mask], self.excess[mask] = 0.0, 0.0, False
 
     def _diagnose(self, interval: Interval) -> Verdict:
-        count, n = interval.on_times.shape
-        ratio, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _over_the_window(
-            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
-            interval.on_times, interval.duration, self.time, self._sums, self._starts, self._filled,
-            ratio, shortfall, statistic, blamed, self.onset, self.share, self.excess,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, ratio, shortfall)
+        scores = Scores.of(interval)
+        memory = _Window(self._sums, self._starts, self._filled, self.onset, self.share, self.excess)
+        _over_the_window(interval, self.time, memory, scores)
+        return self._answer(scores)
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
         said = np.where(self.excess, "stuck_on", np.where(self.share == 1.0, "stuck_off", "loss"))
         return tuple(np.where(detected, said, "").tolist())
 
 
+class _Window(NamedTuple):
+    """Sums (vehicles, window, 4, n), starts, how many are filled, and of the likeliest fault what it is."""
+
+    sums: FloatArray
+    starts: FloatArray
+    filled: IntArray
+    onset: FloatArray
+    share: FloatArray
+    excess: BoolArray
+
+
 @njit(error_model="numpy")
 def evidence(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    on_times: FloatArray,
-    duration: float,
-    root: FloatArray,
-    e: FloatArray,
-    a: FloatArray,
-    row: FloatArray,
+    interval: Interval, v: int, root: FloatArray, e: FloatArray, a: FloatArray, row: FloatArray
 ) -> None:
-    """What one interval says of a fault of size one of each thruster: c and s of both kinds.
+    """What one interval says of a fault of size one of each thruster of vehicle v: c and s of both kinds.
 
     Args:
-        residual: (m,).
-        covariance: (m, m).
-        effectiveness: (m, n).
-        on_times: (n,), s, effective.
-        duration: s.
+        interval: Of all vehicles.
+        v: Index of the vehicle.
         root: (m, m), scratch.
         e: (m,), scratch.
         a: (m, n), scratch.
         row: (4, n), written: c and s of a loss, c and s of thrust without command.
     """
+    effectiveness, on_times, duration = interval.effectiveness[v], interval.on_times[v], interval.duration
     m, n = effectiveness.shape
-    whiten(covariance, residual, effectiveness, root, e, a)
+    whiten(interval.covariance[v], interval.residual[v], effectiveness, root, e, a)
     for i in range(n):
         row[0, i] = row[1, i] = 0.0
     for k in range(m):
@@ -156,36 +150,18 @@ def evidence(
 
 
 @kernel(nogil=True)
-def _over_the_window(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    on_times: FloatArray,
-    duration: float,
-    time: FloatArray,
-    sums: FloatArray,
-    starts: FloatArray,
-    filled: IntArray,
-    ratio: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
-    onset: FloatArray,
-    share: FloatArray,
-    excess: BoolArray,
-) -> None:
-    m, n = effectiveness.shape[1:]
+def _over_the_window(interval: Interval, time: FloatArray, memory: _Window, scores: Scores) -> None:
+    on_times, duration = interval.on_times, interval.duration
+    sums, starts, filled, onset, share, excess = memory
+    statistic, blamed, ratio, shortfall = scores
+    m, n = interval.effectiveness.shape[1:]
     window = sums.shape[1]
     root, e, a, total = np.empty((m, m)), np.empty(m), np.empty((m, n)), np.empty((4, n))
-    for v in range(residual.shape[0]):
-        if not valid[v]:
+    for v in range(statistic.size):
+        if not interval.valid[v]:
             continue
         slot = filled[v, 1]
-        evidence(
-            residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, sums[v, slot]
-        )
+        evidence(interval, v, root, e, a, sums[v, slot])
         starts[v, slot] = time[v] - duration
         filled[v, 0] = min(filled[v, 0] + 1, window)
         filled[v, 1] = (slot + 1) % window
@@ -200,7 +176,7 @@ def _over_the_window(
             for kind in range(2):
                 for i in range(n):
                     c, s = total[2 * kind, i], total[2 * kind + 1, i]
-                    if c <= 0.0 or dead[v, i]:
+                    if c <= 0.0 or interval.excluded[v, i]:
                         continue
                     q = min(c / s, 1.0)
                     found = q * (2.0 * c - q * s)

@@ -35,7 +35,6 @@ measurement, so that their errors are correlated with -1/2 at lag one; the filte
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -54,8 +53,7 @@ __all__ = ["EffectivenessFilter", "Innovation"]
 Form = Literal["automatic", "known", "shared", "by_axis", "full", "fired_only"]
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """What a measurement said that was not expected.
 
     Attributes:
