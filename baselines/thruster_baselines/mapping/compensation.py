@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from numba import njit
 from numpy.typing import ArrayLike
@@ -48,6 +48,15 @@ class CompensatedAllocation(Allocation):
     """
 
     iterations: IntArray
+
+
+class CompensationSettings(TypedDict, total=False):
+    """What mappers that make up for the coupling loss take as keyword arguments; see `CompensatingMapper`."""
+
+    coupling: Coupling | None
+    tolerance: float
+    max_iterations: int
+    fuel_may_win: bool
 
 
 class CompensatingMapper(CompiledMapper):
@@ -96,6 +105,12 @@ class CompensatingMapper(CompiledMapper):
             raise ValueError(f"max_iterations is {max_iterations}; one or more would be right")
         self.tolerance = tolerance
         self.max_iterations = max_iterations
+
+    def constructor_arguments(self) -> dict[str, Any]:
+        """The arguments by name with which to construct the like of it."""
+        arguments = super().constructor_arguments()
+        arguments.update(arguments.pop("settings", {}))
+        return arguments
 
     def _run(
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray

@@ -1,8 +1,8 @@
-"""What all detectors fed by navigation share: the checks at the door, the clock, alarms and names that stay.
+"""What all detectors fed by navigation share: input validation, the clock, alarms and isolations that latch.
 
-A detector here takes the open rates of each period and what navigation measured at its beginning
-(`thruster_envs.protocols.NavigationDetector`), and says at once whether something is wrong and, when it is
-sure, with which thruster. An alarm and a name stay until a reset, since the source latches both.
+A detector here takes the duties of each period and what navigation measured at its beginning, and says at
+once whether something is wrong and, when it is sure, with which thruster. Both stay until a reset, since the
+source (Fonod et al. 2013) latches both.
 
 Left out: what becomes of a fault that ends, and several faults at once.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numba import njit
@@ -27,10 +27,29 @@ from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["BaseNavigationDetector", "Sample", "nominal_delay", "take_attitude"]
+__all__ = [
+    "BaseNavigationDetector",
+    "Monitor",
+    "NavigationSettings",
+    "Sample",
+    "nominal_delay",
+    "take_attitude",
+]
 
 SETTLING_TIME = 40.0
 """s after the first sample without alarms: the observers begin at rest, the vehicles do not."""
+
+
+class NavigationSettings(TypedDict, total=False):
+    """What every detector fed by navigation takes as keyword arguments.
+
+    Attributes:
+        settle: How long after the first sample there are no alarms, s.
+        vehicles: Number of vehicles monitored; 1 by default.
+    """
+
+    settle: float
+    vehicles: int
 
 
 class Sample(NamedTuple):
@@ -49,6 +68,30 @@ class Sample(NamedTuple):
     attitude: FloatArray
     rate: FloatArray
     valid: BoolArray
+
+
+class Monitor(NamedTuple):
+    """What is kept of each vehicle, (vehicles,) unless stated, as kernels take it.
+
+    Attributes:
+        effectiveness: (vehicles, 6, n), believed, m/s^2 then rad/s^2.
+        attitude: (vehicles, 4), the last one that was one.
+        samples: How many there were.
+        refused: How many were not usable.
+        detected: Whether there has been an alarm.
+        thruster: The isolated one, from 1; 0 for none.
+        detection_time: s, from the first sample to the alarm.
+        isolation_time: s, from the first sample to the isolation.
+    """
+
+    effectiveness: FloatArray
+    attitude: FloatArray
+    samples: IntArray
+    refused: IntArray
+    detected: BoolArray
+    thruster: IntArray
+    detection_time: FloatArray
+    isolation_time: FloatArray
 
 
 class BaseNavigationDetector(RecordsArguments, ABC):
@@ -106,7 +149,9 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def constructor_arguments(self) -> dict[str, Any]:
         """The arguments with which to construct the like of it, with the threshold that it has now."""
-        return super().constructor_arguments() | {"threshold": self.threshold}
+        arguments = super().constructor_arguments()
+        arguments.update(arguments.pop("common", {}), threshold=self.threshold)
+        return arguments
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
@@ -200,6 +245,12 @@ class BaseNavigationDetector(RecordsArguments, ABC):
                 "a number from 0 to 1 would be right"
             )
         return self._diagnose(Sample(told, place, pointing, turning, there))
+
+    def _monitor(self) -> Monitor:
+        return Monitor(
+            self.effectiveness, self._attitude, self.samples, self.refused, self.detected, self.thruster,
+            self.detection_time, self.isolation_time,
+        )  # fmt: skip
 
     @abstractmethod
     def _diagnose(self, sample: Sample) -> Verdict:

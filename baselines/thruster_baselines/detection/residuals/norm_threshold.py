@@ -1,10 +1,8 @@
-"""Detection by the length of the residual, the source's eq. 32: an alarm where it reaches a fixed threshold.
+"""Detection by the length of the residual (Fonod et al. 2013, eq. 32): an alarm where it reaches a threshold.
 
-The length says that something is wrong, not what; isolators build on it. The threshold belongs to the design
-of the observer, the noise and what flights are flown: `calibration.threshold_for_rate` finds it for a stated
-false-alarm rate from healthy flights, `margin_threshold` takes the largest value of such flights and a
-margin. A manoeuvre outside of those flights alarms: the observer with Pade's states answers an abrupt stop of
-the approach as it does a fault.
+The length says that something is wrong, not what; isolators build on it. A manoeuvre outside of the flights
+on which the threshold was calibrated alarms: the observer with Pade's states answers an abrupt stop of the
+approach as it does a fault.
 
 Left out: any gathering of evidence, and thresholds that follow the command.
 """
@@ -13,7 +11,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +36,14 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
 
 DesignName: TypeAlias = Literal["pade", "observer", "undelayed"]
+
+
+class History(NamedTuple):
+    """Residuals (vehicles, kept, 3) and duties (vehicles, kept, n) in rings, and the period, s."""
+
+    residuals: FloatArray
+    rates: FloatArray
+    period: float
 
 
 class NormThreshold(BaseNavigationDetector):
@@ -92,13 +98,14 @@ class NormThreshold(BaseNavigationDetector):
     def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
         work = partial(
-            _look, self._observers.arrays, self.effectiveness, sample.open_rates, sample.position,
-            sample.attitude, sample.valid, self._attitude, self.samples, self._period, self.settle,
-            self.threshold, self.residual, self._residuals, self._rates, self.refused, self.detected,
-            self.detection_time, statistic,
+            _measure, sample, self._monitor(), self._observers.arrays,
+            (self._period, self.settle, self.threshold), self._history(), self.residual, statistic,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._isolate(statistic) if self.detected.any() else self._answer(statistic)
+
+    def _history(self) -> History:
+        return History(self._residuals, self._rates, self._period)
 
     def _isolate(self, statistic: FloatArray) -> Verdict:
         """Name a thruster in the vehicles with an alarm, where one can be named."""
@@ -129,11 +136,13 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
 
 
 @kernel(nogil=True)
-def _look(  # type: ignore[no-untyped-def]
-    observers, effectiveness, open_rates, position, attitude, valid,
-    last_attitude, samples, period, settle, threshold, residual, residuals, rates, refused, detected,
-    detection_time, statistic, first, last,
-):  # fmt: skip
+def _measure(  # type: ignore[no-untyped-def]
+    sample, monitor, observers, limits, history, residual, statistic, first, last
+):
+    """Residuals and their lengths (vehicles,), and alarms at limits of period, settling and threshold."""
+    open_rates, position, attitude, _, valid = sample
+    effectiveness, last_attitude, samples, refused, detected, _, detection_time, _ = monitor
+    (period, settle, threshold), (residuals, rates, _) = limits, history
     kept, n = residuals.shape[1], open_rates.shape[1]
     for v in range(first, last):
         y = (position[v, 1], -position[v, 2], -position[v, 0])
