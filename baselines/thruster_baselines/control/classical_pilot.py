@@ -399,8 +399,8 @@ class ClassicalPilot:
     def _excite(self, how: DiagnosisSettings) -> None:
         """Phase 6: while nothing else fires, an excitation test of the thruster that was silent for longest.
 
-        Others cancel it. Nobody moves by that, and whoever fails to fire shows. Without it, a fault of a thruster that is
-        needed for the last burn only is found when it is too late.
+        Others cancel it, so that nobody moves by that, and whoever fails to fire shows. Without it, a fault
+        of a thruster that is needed for the last burn only is found when it is too late.
         """
         step, period = self._reader.step, self.spacecraft.control_period
         settling = self.steps - step <= self.controller.settings.settling
