@@ -1,19 +1,14 @@
 """Chi-squared tests of the residual: of all axes together, of each alone, and of the axes of each thruster.
 
-With the residual e of one interval and its covariance Y when nothing is wrong (Yang 2003, eqs. 62-66):
+With the residual e and its covariance Y when nothing is wrong (Yang 2003, eqs. 62-66):
 
-- generic: l = e' Y^-1 e, chi-squared with m degrees of freedom. Says that something is wrong, not what.
-- single: l_k = e_k^2 / Y_kk for each axis, with one degree of freedom. The axes on which it exceeds the
-  threshold narrow down who it can be.
-- set: l_i = sum over the axes k on which thruster i acts of e_k^2 / Y_kk. It names a thruster only if nobody
-  else acts on just the same axes; on Orion four thrusters always share them, so that it never does.
+- generic: e' Y^-1 e, of m degrees of freedom: something is wrong.
+- single: e_k^2 / Y_kk for each axis: the axes on which something is wrong.
+- set: the sum of these over the axes of a thruster; isolates it only if no other acts on just the same axes
+  (on Orion four thrusters always do).
 
-The tuning knob is the threshold; where Y is the true covariance (`PhysicalNoise`),
-`calibration.chi_squared_threshold` gives the generic and the single one in closed form. With the source's R
-= 10 tables of chi-squared are of no use. The source prints the generic test as a sum over axes, which is the
-same where Y is diagonal; here it is the full form.
-
-Left out: which way the residual points inside a set of axes, which is what the likelihood ratio uses.
+`calibration.chi_squared_threshold` has thresholds where Y is the true covariance (`PhysicalNoise`). Left out:
+which way the residual points inside a set of axes, which is what the likelihood ratio uses.
 """
 
 from __future__ import annotations

@@ -1,27 +1,15 @@
-"""Cumulative sums: evidence for a fault of a design size, gathered until it is enough (Page 1954).
+"""Cumulative sums: evidence for a fault of a design size q, gathered until it is enough (Page 1954).
 
-For each thruster and each of two directions, thrust that is missing and thrust that was not commanded, a sum
-gathers the log-likelihood ratio of the residual under a fault of the design size q against none, and starts
-anew from zero whenever it falls below:
+For each thruster, and for missing thrust and thrust without command, with the signature f of a fault of size
+one, c_k = f' Y^-1 e and s_k = f' Y^-1 f of interval k:
 
-    g_k = max(0, g_(k-1) + q c_k - q^2 s_k / 2),
+    g_k = max(0, g_(k-1) + q c_k - q^2 s_k / 2).
 
-with c_k = f' Y^-1 e and s_k = f' Y^-1 f of the signature f of a fault of size one in interval k, which is -u
-a for a loss and (T - u) a for thrust without command. For a fault of that size no test of a given mean time
-between false alarms has a shorter mean delay in the worst case (Moustakides 1986); a fault below half of it
-is hardly ever found.
+The thruster is isolated whose fitted share explains the most since its sum last was zero. Knobs: the
+threshold, whose mean time between false alarms grows about as its exponential, and the design sizes, by
+default the smallest that a `FaultDistribution` draws; a fault below half of one is hardly ever found.
 
-Sums of different design sizes say when, but are no fair comparison of who: a large fault of one thruster
-looks like a smaller one of its near-twin. So for each sum c and s are added up as well since it last was at
-zero, which is where it takes the onset to be, and the thruster is blamed whose share q = c / s, cut to 0 to
-1, explains the most since then: the largest 2 q c - q^2 s.
-
-Tuning knobs: the threshold, whose mean time between false alarms grows about as its exponential, and the two
-design sizes: the smallest faults that have to be found. The defaults are the smallest loss and the smallest
-leak that a `FaultDistribution` draws unless told otherwise.
-
-Left out: how far the fault is from its design size in the decision when to alarm (`WindowedGLR` fits it). The
-sums stay until a reset, or until a new belief.
+Left out: how far the fault is from its design size when to alarm is decided (`WindowedGLR` fits it).
 """
 
 from __future__ import annotations

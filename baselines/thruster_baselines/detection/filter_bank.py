@@ -1,23 +1,12 @@
 """A bank of filters: one for each thing that may be wrong, and how probable each of them is by now.
 
-Beside the filter that takes all thrusters as sound there are three for each thruster, which believe that it
-gives nothing, that it gives a stated share of its thrust, and that it is open all the time. They differ in
-the on-times that they take to have been delivered; each learns the effectiveness for itself. After an
-interval the weight of each is multiplied by the likelihood of its residual e_j with its covariance Y_j,
+Beside the healthy filter there are three for each thruster: off, weak by a stated share, open all the time.
+With the residual e_j and its covariance Y_j, the weights follow (Magill 1965; never below a floor)
 
-    log w_j <- log w_j - (e_j' Y_j^-1 e_j + log det Y_j) / 2,
+    log w_j <- log w_j - (e_j' Y_j^-1 e_j + log det Y_j) / 2.
 
-and all are scaled to sum to one (Magill 1965). Weights are kept as logarithms, since they fall by hundreds of
-orders of magnitude, and never below a floor, since a thruster that was sound for an hour may still fail.
-
-Of the mixture of all filters, `mixture` gives mean and covariance of what the thrusters do per second of
-command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001).
-
-The statistic is the log-odds of any fault against none, counted from the least that the floor allows, which
-is where a bank begins and where it comes to rest while nothing is wrong.
-
-Tuning knobs: the threshold on it; the floor, which bounds how much evidence is remembered; the share of the
-weak hypothesis. Costs three filters per thruster.
+The statistic is the log-odds of any fault against none, counted from the least that the floor allows.
+`mixture` gives mean and covariance of what the thrusters do (Bar-Shalom, Li and Kirubarajan 2001).
 
 Left out: several faults at once, shares between those of the hypotheses (the nearest wins), the coupling of a
 thruster that opens in part.

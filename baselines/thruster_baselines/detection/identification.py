@@ -1,28 +1,12 @@
-"""What is wrong with a thruster that a detector has named: model comparison, and a severity by least squares.
+"""What is wrong with an isolated thruster: model comparison, and a severity by least squares.
 
-Model comparison (Yang 2003, section 5.3.1) asks which of a few models of the fault leaves the smallest
-residual: for each one the rate change is predicted, and the squared distance from what was measured, weighed
-by the inverse of the detector's covariance Y, is its statistic. The models of thruster i, with its effective
-on-time u_i in an interval of length T:
+For each model of the fault (none, stuck off or on, losses, leaks, and if asked for tilts) the rate change is
+predicted with the shared feed; the statistic is the squared distance from what was measured, weighed by the
+inverse of the detector's covariance Y (Yang 2003, section 5.3.1), and infinite where the model cannot be told
+from no fault in this interval. Least squares beside it fit the share, with its standard deviation. A thruster
+that is stuck on fires for the whole interval, not for the longest on-time of 5 s (section 6.4.4).
 
-- no fault;
-- stuck off: its on-time is 0;
-- loss: it gives a share d of its thrust, for each of a few levels d;
-- leak: it lets a share of full thrust through while it is shut, for each of a few levels;
-- stuck on: it fires for all of T. The source takes the longest on-time that may be commanded, 5 s, even where
-  the interval is 1 s (Yang 2003, section 6.4.4); an interval cannot hold more than its own length;
-- misalignment, beyond the source and only if asked for: its thrust is tilted by one of a few angles, to one
-  of a few sides.
-
-What cannot be told from no fault in this interval, a loss of a thruster that was not fired, a leak of one
-that fired all the time, is left out, with an infinite statistic. With a dead valve the others get more from
-the shared feed, and with one stuck open less; both are in the prediction.
-
-Least squares beside it puts no levels on the size: the share that fits the residual best, with its standard
-deviation as far as Y is the covariance of the residual, cut to what is possible.
-
-Left out: faults that come late, or that turn a thrust where no `tilts` are asked for, which none of the
-models fits; look at `statistic` then.
+Left out: faults that come late; look at `statistic` then.
 """
 
 from __future__ import annotations

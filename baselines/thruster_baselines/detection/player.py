@@ -1,19 +1,12 @@
 """Any detector as a player of the diagnosis tasks, and any player as a detector.
 
-`DetectorPlayer`: observation in, hypothesis out. The detector says when something is wrong. Who it is and how
-it fails is asked of the model comparison (Yang 2003, section 5.3.1), over all periods and not over one: for
-each thruster and each model the log-likelihood ratio against no fault is added up from period to period, and
-begins anew where it falls below zero, since nobody knows the onset (Page 1954). From the first alarm on, the
-hypothesis with the largest sum is declared, until none is left that is twenty times as likely as no fault.
-Where a kind has several models, for losses of several sizes or tilts to several sides, each of them has its
-share of the kind's prior probability. In `ActiveDiagnosis-v0` it fires the shortest test pulse of one
-thruster after the other, as long as the budget lasts.
+`DetectorPlayer`: after the detector's first alarm the likeliest thruster and kind are declared, by sums over
+all periods of the log-likelihood ratio of each model (Yang 2003, section 5.3.1) that restart at zero (Page
+1954), until none is twenty times as likely as no fault. The prior of a kind is shared by its models. In
+`ActiveDiagnosis-v0` it fires the shortest test pulse of one thruster after the other.
 
-`PlayerDetector` is for the yardstick (`thruster_baselines.detection.evaluate`): a policy, learned or not,
-that was made for `FaultDiagnosis-v0` is asked what it declares in flights that were recorded with their
-observations, and a declared thruster is an alarm. Its threshold has nothing to sweep, so that calibration
-only finds out whether it keeps to the stated rate: one that alarms more often is given a threshold that it
-never exceeds.
+`PlayerDetector`: what a policy for `FaultDiagnosis-v0` declares in recorded flights is an alarm. There is no
+threshold to sweep; one that alarms more often than stated gets a threshold that it never exceeds.
 
 Left out: several faulty thrusters, faults that heal, that a wrong name costs more than a late one.
 """

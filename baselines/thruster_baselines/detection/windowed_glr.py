@@ -1,24 +1,13 @@
-"""The generalised likelihood ratio over a window: who failed, how, how badly, and since when.
+"""The generalised likelihood ratio over a window: whose lasting fault began when, and how large it is.
 
-Willsky and Jones (1976) put two more unknowns into the likelihood ratio than the test of one interval has:
-the interval j in which the fault began, somewhere among the last W, and a size that is the same since then.
-Here a fault of thruster i either loses the share q of its thrust, or lets the share q of full thrust through
-while the thruster was told to be shut (a stuck valve for q = 1, a leak below). In interval t with the
-effective on-time u_ti and the duration T_t it adds q f_ti to the residual, with
+A fault of thruster i from interval j on adds q f_ti to the residual e_t: f_ti = -u_ti a_i for a loss, (T_t -
+u_ti) a_i for thrust without command. With c = sum over t >= j of f' Y_t^-1 e_t and s the same sum of f'
+Y_t^-1 f, q = c / s cut to 0 to 1, twice the log-likelihood against no fault is 2 q c - q^2 s; the largest
+over thrusters, kinds and onsets is the statistic. A longer window finds smaller faults, and takes longer to
+forget the time before an onset.
 
-    f_ti = -u_ti a_i   (loss),        f_ti = (T_t - u_ti) a_i   (thrust without command).
-
-With c = sum over t >= j of f_ti' Y_t^-1 e_t and s the same sum of f_ti' Y_t^-1 f_ti, the likelihood is
-largest at q = c / s, cut to what a share can be, which is 0 to 1, and twice its logarithm against no fault
-is 2 q c - q^2 s. The largest over thrusters, the two kinds and the onsets is the statistic.
-
-Tuning knobs: the threshold, and the window. A longer one finds smaller faults, and takes longer to forget the
-time before the onset of a fault that it had ruled out; one interval alone is `GLRDetector` with its signs
-and sizes held to what is possible.
-
-Exact where the filter does not learn, which is the default with `PhysicalNoise`; a filter that learns takes
-part of a lasting fault into its estimate, and the window sees that much less of it. Left out: that
-consecutive rate changes share a velocity measurement, so that their errors partly cancel in the sum.
+Exact where the filter does not learn (the default with `PhysicalNoise`). Left out: that consecutive rate
+changes share a velocity measurement.
 """
 
 from __future__ import annotations

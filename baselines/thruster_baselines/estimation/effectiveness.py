@@ -1,36 +1,14 @@
-"""A Kalman filter for what each thruster does, from what firing it changed.
-
-The state is the effectiveness A (m, n) itself, all of its entries, taken as constant but for a random walk:
+"""A Kalman filter for what each thruster does, from what firing it changed (Yang 2003, ch. 4).
 
     A_(k+1) = A_k + w,    Z_k = A_k U_k + v,
 
-with the measured rate change Z_k and the effective on-times U_k of an interval (Yang 2003, ch. 4). In the
-source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n I]. How much of the covariance
-(m n, m n) has to be carried depends on the noise, and the exact forms give the same numbers where they apply:
+with the effectiveness A (m, n), the measured rate change Z and the effective on-times U of an interval. The
+covariance is carried in the cheapest form that is exact: `known` (nothing is learned), `shared` (one n x n
+matrix for all axes), `by_axis`, `full`, or `fired_only` (4.2.4), which leaves idle thrusters alone. What each
+admits, and its accuracy: docs/derivations/effectiveness_filter.md.
 
-- `known`: there is neither process noise nor a first covariance, so that nothing is learned. No covariance.
-- `shared`: measurement noise R, process noise Q and first covariance are multiples of the identity. Then the
-  covariance is a Kronecker product, and one n x n matrix serves all axes.
-- `by_axis`: they are diagonal, with one number per axis. Axes do not mix: m matrices of n x n.
-- `full`: any R. One matrix of (m n) x (m n).
-- `fired_only`: as `full`, but the estimate and the covariance of thrusters that did not fire are left alone
-  (Yang 2003, section 4.2.4). What a joint firing once taught about them is not used before they fire again,
-  so its estimate is an approximation, and its covariance is that of this estimate: never below that of
-  `full`, and the same where all thrusters fire or each fires alone. The source's equations, read literally,
-  also keep the covariance between fired and idle thrusters, and then it is no covariance after a few updates.
-  That is not offered; here it takes the gain of the fired thrusters, which is Joseph's form with a gain of
-  zero for the others (Schmidt 1966).
-
-Covariances are symmetric to the bit, since one triangle is computed and mirrored. They agree with exact
-arithmetic to a millionth of a deviation over 1,000 updates as long as the first covariance is below 1e7 times
-the measurement noise (per s^2 of firing); beyond 1e13 times, without process noise, nothing is left of them.
-
-Everything is batched over vehicles; many of them are shared among threads, which changes no number.
-
-Left out: sensor biases, mass properties, and the coupling loss, which belongs into the on-times
-(`thruster_baselines.mapping.delivered_on_times`); the drift of the free motion has to be taken out of the
-measurement before (`thruster_baselines.estimation.rate_change`). Consecutive rate changes share a velocity
-measurement, so that their errors are correlated with -1/2 at lag one; the filter takes them as independent.
+Left out: sensor biases, mass properties, the coupling loss (`delivered_on_times`), free motion
+(`rate_change`), and that consecutive rate changes share a velocity measurement.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_baselines.mapping.sequence import LPSequence
-from thruster_baselines.mapping.simplex import OPTIMAL, Programs, Solutions, solve_batch, solve_range
+from thruster_baselines.mapping.simplex import OPTIMAL, Programs, Solutions, solve_range
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -117,15 +117,6 @@ class LPMapper(CompiledMapper):
         require_finite_command(commands)
         report = self._run(commands.reshape(-1, m), *self._alone)[3].reshape(*commands.shape[:-1], 3)
         return report[..., 1].copy(), report[..., 2].copy()
-
-    def _run(
-        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        answer = solve_batch(
-            command, effectiveness, max_on_time, self._costs, self._slack_cost, self._threads
-        )
-        raise_unless_optimal(command, answer[3])
-        return answer
 
     def _solve_one(self, command: FloatArray) -> Allocation:
         """One command (m,) for the mapper's own model, as a batch of one."""

@@ -1,24 +1,13 @@
 """Thrusters with a shortest pulse: the pulses that miss a command least, found exactly.
 
-A valve opens for no less than a minimum pulse, so that an on-time is either zero or from that minimum to the
-longest one. This mapper minimises the objective of the linear program (Yang 2003, eqs. 1-3),
-`fuel_cost @ on_times + slack_cost @ abs(slack)`, over such on-times, on a grid of clock ticks if a resolution
-is given. The source has neither minimum pulses nor a resolution.
+An on-time is zero, or from the minimum pulse to the longest one, on a grid of clock ticks if a resolution is
+given. The objective is that of the linear program (Yang 2003, eqs. 1-3, without pulses), minimised by branch
+and bound with the dual simplex method: docs/derivations/minimum_pulse.md. At the default costs opposed
+thrusters open together to give less than one pulse; to spare that fuel, lower `slack_cost` (with
+`fuel_may_win`), or carry short pulses over (`carrying`, `truncating`).
 
-The method is branch and bound. The linear program gives a lower bound; a thruster whose on-time in it no
-valve can give is then kept to no more than the next possible on-time below, and, in a second problem, to no
-less than the next one above. A thruster kept open for at least l is l + u', with l taken from its bound and
-what l gives taken from the command: only command and bounds change from one problem to the next, so that the
-dual simplex method goes on from the last basis. Each bound is worked out from the multipliers and the problem
-as it was given; where it is off by more than round-off, that linear program is solved anew.
-
-At the default costs a miss is so dear that opposed thrusters are opened together to give less than the
-shortest pulse of one alone. To spare that fuel, lower `slack_cost` (with `fuel_may_win`), or leave short
-pulses out and carry what they would have given over to the next command
-(`thruster_baselines.mapping.truncating`, `thruster_baselines.mapping.carrying`).
-
-Left out: a shortest time between two pulses, what a short pulse gives less than its on-time (rise and fall),
-coupling between thrusters, and a stated choice among equally good pulses.
+Left out: a shortest time between two pulses, rise and fall, coupling between thrusters, and a stated choice
+among equally good pulses.
 """
 
 from __future__ import annotations

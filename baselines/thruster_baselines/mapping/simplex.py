@@ -1,28 +1,15 @@
-"""The linear program of thrust mapping, solved by a compiled bounded-variable simplex.
-
-For a command T (m), an effectiveness A (m, n), longest on-times U (n), fuel costs c (n) and slack
-costs K (m):
+"""The linear program of thrust mapping, solved by a compiled bounded-variable simplex (Yang 2003, eqs. 1-3).
 
     minimise    sum_j c_j u_j + sum_k K_k |s_k|
-    subject to  A u + s = T,    0 <= u <= U                                     (Yang 2003, eqs. 1-3)
+    subject to  A u + s = T,    0 <= u <= U,
 
-The method is the tableau simplex of Yang 2003, ch. 2 and app. A, started from the basis of all slacks,
-with its defects mended: a slack may be of either sign and may come back into the basis, a thruster parked
-at its bound may run back to zero, one that enters the basis from its bound keeps its true value, and every
-tolerance is relative. It differs from the printed program in three ways that save time or trouble. Rows are
-scaled by slack cost and columns by their largest entry, so that entries are of order one whatever the units.
-Only the columns of the positive slacks are kept: those of the negative ones are their negatives. Thrusters at
-their bound are priced with a sign in place of being reflected. Should the objective stand still for as many
-pivots as there are variables, Bland's rule takes over, so that the method cannot cycle.
+for a command T (m), an effectiveness A (m, n), longest on-times U (n), fuel costs c (n) and slack costs K
+(m). The answer is a vertex, the one with fewer open thrusters among equally cheap neighbours, and depends on
+the problem alone, to the last bit. How it differs from the printed program:
+docs/derivations/linear_program.md.
 
-The answer is a vertex: no more thrusters than rows are open for part of the period. Where several vertices
-are equally cheap, it moves from the first one found to a neighbouring one for as long as that leaves fewer
-thrusters open: fewer open thrusters cost each other less of a shared feed. It depends on
-the problem alone, to the last bit: not on the batch that it is solved in, nor on the number of
-threads. `thruster_baselines.mapping.sequence` starts a command from the basis of the one before.
-
-Left out: equality with other solvers' choice among equally cheap vertices, the fewest open thrusters of all
-optima (which would take a search), and coupling between thrusters (`thruster_baselines.mapping.coupling`).
+Left out: the fewest open thrusters of all optima, coupling between thrusters
+(`thruster_baselines.mapping.coupling`).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from thruster_baselines.detection.calibration import margin_threshold
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import (
-    SETTLING_TIME,
     BaseNavigationDetector,
+    NavigationSettings,
     Sample,
     nominal_delay,
     take_attitude,
@@ -55,8 +55,7 @@ class NormThreshold(BaseNavigationDetector):
         design: Of the observer, or a name of one: `pade`, the source's with nine states, `observer`, six
             states and a delay of whole periods, `undelayed`, six states without. Those with a name take the
             spacecraft's mean motion, control period and nominal delay.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`.
 
     Attributes:
         residual: (vehicles, 3), m, of the last sample, in the axes of the design.
@@ -71,11 +70,11 @@ class NormThreshold(BaseNavigationDetector):
         threshold: float,
         *,
         design: ResidualDesign | DesignName = "pade",
-        settle: float = SETTLING_TIME,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
-        super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
+        super().__init__(spacecraft, threshold, **common)
         self.design = design if isinstance(design, ResidualDesign) else named_design(self.spacecraft, design)
+        vehicles = self._vehicles
         self._observers = Observers(self.design, vehicles)
         kept = self._kept()
         self.residual: FloatArray = np.zeros((vehicles, 3))

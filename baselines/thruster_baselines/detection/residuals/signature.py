@@ -16,12 +16,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, Unpack, get_args
 
 import numpy as np
 
 from thruster_baselines.detection.contract import Verdict
-from thruster_baselines.detection.residuals.base import SETTLING_TIME, Monitor, nominal_delay
+from thruster_baselines.detection.residuals.base import Monitor, NavigationSettings, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.generator import turned_direction
 from thruster_baselines.detection.residuals.norm_threshold import DesignName, History, NormThreshold
@@ -69,8 +69,7 @@ class SignatureDetector(NormThreshold):
         onsets: How many samples before the alarm a fault may have begun.
         lag: How many periods the thrust comes after its command; by default the nominal delay.
         confirmations: N_c, samples in a row with the same thruster and kind.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`.
 
     Attributes:
         kind: (vehicles,), codes of `kinds` in their order from 1, of the best in the last sample; 0 as long
@@ -91,8 +90,7 @@ class SignatureDetector(NormThreshold):
         onsets: Sequence[int] = (12,),
         lag: int | None = None,
         confirmations: int = 10,
-        settle: float = SETTLING_TIME,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
@@ -113,10 +111,11 @@ class SignatureDetector(NormThreshold):
         self.confirmations, self.lag = int(confirmations), int(lag)
         self._onsets: IntArray = np.array(onsets, np.int64)
         self._codes = np.array([kinds.index(one) + 1 if one in kinds else 0 for one in known])
+        vehicles = common.get("vehicles", 1)
         self.kind: IntArray = np.zeros(vehicles, np.int64)
         self.share: FloatArray = np.zeros(vehicles)
         self._choice: IntArray = np.zeros((vehicles, 3), np.int64)  # thruster, kind, how often in a row
-        super().__init__(spacecraft, threshold, design=design, settle=settle, vehicles=vehicles)
+        super().__init__(spacecraft, threshold, design=design, **common)
         transition, entry = self.design.axis_channel()
         self._channel = np.hstack([transition, entry[:, np.newaxis]])
         ways, size = len(onsets), entry.size
