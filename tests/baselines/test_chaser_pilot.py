@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import thruster_envs  # noqa: F401  # registers the environments
-from thruster_baselines.control import ChaserPilot, RecoveryPhase
+from thruster_baselines.control import ChaserPilot, RecoveryPhase, RecoverySettings
 from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault
 from thruster_envs.seeds import VALIDATION
@@ -150,6 +150,14 @@ def test_a_weak_thruster_still_gives_the_wrench_that_is_asked_for():
     rates = pilot._allocate(wrench)
     np.testing.assert_allclose((CHASER.wrenches() * shares) @ rates[0], wrench[0], atol=1e-9)
     assert rates.min() >= 0.1 - 1e-12
+
+
+def test_settings_take_their_names_of_before():
+    settings = RecoverySettings(mouth=0.3, swing=5.0)
+    assert settings == RecoverySettings(corridor_radius=0.3, transient=5.0)
+    assert (settings.mouth, settings.swing, settings.widening) == (0.3, 5.0, settings.corridor_slope)
+    with pytest.raises(TypeError, match="got both 'transient' and its old name 'swing'"):
+        RecoverySettings(swing=5.0, transient=5.0)
 
 
 def test_a_sight_of_this_moment_or_too_few_rows_are_refused():

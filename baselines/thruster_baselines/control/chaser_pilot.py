@@ -283,7 +283,7 @@ class ChaserPilot:
         time = self._period * state.elapsed
         since = np.where(np.isfinite(state.changed), time - state.changed, np.inf)
         law = self.recovery
-        transient = diagnosis.detected & (since < np.where(self.branch, law.settling, law.swing))
+        transient = diagnosis.detected & (since < np.where(self.branch, law.settling, law.transient))
         if transient.any():
             detector.believe(self._believed(), transient)
         detected = diagnosis.detected & ~transient & (state.reviews < 0) & ~state.limited
@@ -534,7 +534,7 @@ class ChaserPilot:
     def _is_off_axis(self, position: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
         """(vehicles,) whether positions are beyond a share of the corridor's half-width."""
         corridor, ahead = self.recovery, np.maximum(-position[:, 1], 0.0)
-        width = corridor.mouth + corridor.widening * ahead
+        width = corridor.corridor_radius + corridor.corridor_slope * ahead
         return np.asarray(np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
 
     def _guard(self, period: _Period) -> None:

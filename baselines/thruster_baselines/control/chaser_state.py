@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thruster_baselines.belief import ActuatorBelief
+from thruster_baselines.naming import with_old_names
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
 __all__ = ["ChaserDecision", "ChaserState", "RecoveryPhase", "RecoverySettings"]
 
 
+@with_old_names(swing="transient", mouth="corridor_radius", widening="corridor_slope")
 @dataclass(frozen=True, kw_only=True)
 class RecoverySettings:
     """When and how the pilot recovers.
@@ -25,7 +27,7 @@ class RecoverySettings:
         kept_share: Least thrust of a weak thruster that goes on being used, as a share.
         doubt_time: From an alarm without a name to branch B, or without one to a retreat, s.
         near: Distance from the target below which an alarm alone is reason to go over, m.
-        settling: How long alarms on branch B are taken for the swing of a filter that has begun anew, s.
+        settling: How long alarms on branch B are taken for the transient of a filter that has restarted, s.
         retreat_speed: Away from the target, m/s.
         retreat_acceleration: Until then, m/s^2.
         gate: Distance before the target where the tolerances of capture have to be met, m.
@@ -40,11 +42,11 @@ class RecoverySettings:
         slowest: Time constant from which on an answer that the valve is slow is taken for none, s.
         second_fault: By how much a thruster that is named after a re-allocation has to be off what is
             expected of it, as an open rate, for the belief to change.
-        swing: How long alarms after a re-allocation are taken for the swing of a filter that has begun anew
-            and learns the errors of more thrust, s.
+        transient: How long alarms after a re-allocation are taken for the transient of a filter that has
+            restarted and learns the errors of more thrust, s.
         commitment: Distance from the target below which an approach that has lost authority goes on, m.
-        mouth: Half-width of the corridor at the target, m.
-        widening: Tangent of the angle by which it widens.
+        corridor_radius: Half-width of the corridor at the target, m.
+        corridor_slope: Tangent of its half-angle.
         corridor_share: Share of the half-width from which on the approach is given up.
     """
 
@@ -63,10 +65,10 @@ class RecoverySettings:
     reviews: tuple[float, ...] = (2.0, 5.0)
     slowest: float = 1.0
     second_fault: float = 0.1
-    swing: float = 8.0
+    transient: float = 8.0
     commitment: float = 2.6
-    mouth: float = 0.25
-    widening: float = 0.176
+    corridor_radius: float = 0.25
+    corridor_slope: float = 0.176
     corridor_share: float = 0.8
 
 
