@@ -25,7 +25,6 @@ from benchmarks.timing import QUICK, Calls, Effort, Timing, Work, clock_cost, ra
 from thruster_baselines.mapping import LPMapper
 from thruster_baselines.mapping.sequence import follow_range
 from thruster_baselines.mapping.simplex import (
-    Programs,
     Solutions,
     solve_batch,
     solve_range,
@@ -147,11 +146,11 @@ def _one_by_one(effort: Effort, craft: str, count: int) -> dict[str, Single]:
 def kernel(these: Problems) -> Work:
     """Calls of the compiled solver from Python, one for each problem."""
     m, n = these.effectiveness.shape
-    answer = Solutions.empty(1, m, n)
+    answer = tuple(Solutions.empty(1, m, n))
     model = these.effectiveness[np.newaxis]
     costs = these.fuel_cost[np.newaxis], these.slack_cost
     return solve_range, [
-        (Programs(command[np.newaxis], model, max_on_time[np.newaxis], *costs), answer, 0, 1)
+        ((command[np.newaxis], model, max_on_time[np.newaxis], *costs), answer, 0, 1)
         for command, max_on_time in zip(these.command, these.max_on_time, strict=True)
     ]
 
@@ -161,7 +160,7 @@ def warm_kernel(these: Problems) -> Work:
     memory = _memory_of_a_sequence(these)
     answer = _room(these, 1)
     return follow_range, [
-        (Programs(command[np.newaxis, np.newaxis], *_shared(these)), *memory, answer, 0, 1)
+        ((command[np.newaxis, np.newaxis], *_shared(these)), *memory, answer, 0, 1)
         for command in these.command
     ]
 
@@ -178,10 +177,10 @@ def _memory_of_a_sequence(these: Problems) -> tuple[Array, IntArray]:
     return np.zeros((1, *tableau_shape(*these.effectiveness.shape))), np.zeros(1, np.int64)
 
 
-def _room(these: Problems, steps: int) -> Solutions:
+def _room(these: Problems, steps: int) -> tuple[Array, Array, Array, IntArray]:
     """Room for the answers to so many commands of one craft: on-times, slack, cost and report."""
     m, n = these.effectiveness.shape
-    return Solutions(
+    return (
         np.empty((steps, 1, n)), np.empty((steps, 1, m)), np.empty((steps, 1)),
         np.empty((steps, 1, 3), np.int64),
     )  # fmt: skip
@@ -320,7 +319,7 @@ def _explain_flight(craft: str, kind: str, commands: int) -> str:
     """How much there is to repair from command to command, beside a start from all slacks."""
     way = flight(commands, craft, kind)
     room = _room(way, commands)
-    commands_of_one = Programs(way.command[:, np.newaxis], *_shared(way))
+    commands_of_one = way.command[:, np.newaxis], *_shared(way)
     follow_range(commands_of_one, *_memory_of_a_sequence(way), room, 0, 1)
     effectiveness, _, fuel_cost, slack_cost = _shared(way)
     cold = solve_batch(way.command, effectiveness, way.max_on_time, fuel_cost, slack_cost)[3]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_baselines.mapping.sequence import LPSequence
-from thruster_baselines.mapping.simplex import OPTIMAL, Programs, Solutions, solve_range
+from thruster_baselines.mapping.simplex import OPTIMAL, Solutions, solve_range
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -124,8 +124,8 @@ class LPMapper(CompiledMapper):
         _, m, n = effectiveness.shape
         answer = Solutions.empty(1, m, n)
         on_times, slack, cost, report = answer
-        problem = Programs(command[np.newaxis], effectiveness, max_on_time, self._costs, self._slack_cost)
-        solve_range(problem, answer, 0, 1)
+        problem = command[np.newaxis], effectiveness, max_on_time, self._costs, self._slack_cost
+        solve_range(problem, tuple(answer), 0, 1)
         if report[0, 0] != OPTIMAL:
             raise_unless_optimal(command, report[0])
         return Allocation(on_times[0], slack[0], cost.reshape(()), report[0, 0:1].reshape(()))

@@ -125,8 +125,8 @@ class LPSequence(WeightedMapper):
         on_times, slack = np.empty((steps, worlds, n)), np.empty((steps, worlds, m))
         cost, report = np.empty((steps, worlds)), np.empty((steps, worlds, 3), np.int64)
         arrays = (
-            Programs(commands, *self._stacked, self._costs, self._slack_cost), self._tableaus, self._ages,
-            Solutions(on_times, slack, cost, report),
+            (commands, *self._stacked, self._costs, self._slack_cost), self._tableaus, self._ages,
+            (on_times, slack, cost, report),
         )  # fmt: skip
         in_threads(lambda first, last: follow_range(*arrays, first, last), worlds, self._threads)
         raise_unless_optimal(commands, report)
@@ -163,7 +163,8 @@ def follow_range(
     """Solve the commands (steps, worlds, m) of worlds `first` to `last` (excluded), step after step.
 
     Args:
-        problem: Commands (steps, worlds, m), and the effectiveness, bounds and costs of the worlds.
+        problem: Commands (steps, worlds, m), and the effectiveness, bounds and costs of the worlds, a plain
+            tuple in the order of `Programs`.
         tableaus: (worlds, rows, width), the last tableau of each world; changed.
         ages: (worlds,), commands since it was set up; 0 where there is none; changed.
         solutions: Arrays (steps, worlds, ...), written.
