@@ -627,6 +627,8 @@ def angle_minus_sine(angle: float) -> float:
     return angle * square / 6.0 * series
 
 
+
+
 @njit
 def free_motion(e, before, after, duration, r, v):
     """Position (m) and velocity (m/s) after free motion by the linear equations about an elliptic orbit.
