@@ -24,7 +24,12 @@ from benchmarks.report import AtLeast, AtMost, Row, Section, markdown_table, num
 from benchmarks.timing import QUICK, Calls, Effort, Timing, Work, clock_cost, race, race_calls
 from thruster_baselines.mapping import LPMapper
 from thruster_baselines.mapping.sequence import follow_range
-from thruster_baselines.mapping.simplex import solve_batch, solve_range, tableau_shape
+from thruster_baselines.mapping.simplex import (
+    Solutions,
+    solve_batch,
+    solve_range,
+    tableau_shape,
+)
 from thruster_envs.protocols import IntArray
 
 PROBLEMS = 2048
@@ -141,11 +146,11 @@ def _one_by_one(effort: Effort, craft: str, count: int) -> dict[str, Single]:
 def kernel(these: Problems) -> Work:
     """Calls of the compiled solver from Python, one for each problem."""
     m, n = these.effectiveness.shape
-    answer = np.empty((1, n)), np.empty((1, m)), np.empty(1), np.empty((1, 3), np.int64)
+    answer = tuple(Solutions.empty(1, m, n))
     model = these.effectiveness[np.newaxis]
     costs = these.fuel_cost[np.newaxis], these.slack_cost
     return solve_range, [
-        (command[np.newaxis], model, max_on_time[np.newaxis], *costs, *answer, 0, 1)
+        ((command[np.newaxis], model, max_on_time[np.newaxis], *costs), answer, 0, 1)
         for command, max_on_time in zip(these.command, these.max_on_time, strict=True)
     ]
 
@@ -155,7 +160,7 @@ def warm_kernel(these: Problems) -> Work:
     memory = _memory_of_a_sequence(these)
     answer = _room(these, 1)
     return follow_range, [
-        (command[np.newaxis, np.newaxis], *_shared(these), *memory, *answer, 0, 1)
+        ((command[np.newaxis, np.newaxis], *_shared(these)), *memory, answer, 0, 1)
         for command in these.command
     ]
 
@@ -314,7 +319,8 @@ def _explain_flight(craft: str, kind: str, commands: int) -> str:
     """How much there is to repair from command to command, beside a start from all slacks."""
     way = flight(commands, craft, kind)
     room = _room(way, commands)
-    follow_range(way.command[:, np.newaxis], *_shared(way), *_memory_of_a_sequence(way), *room, 0, 1)
+    commands_of_one = way.command[:, np.newaxis], *_shared(way)
+    follow_range(commands_of_one, *_memory_of_a_sequence(way), room, 0, 1)
     effectiveness, _, fuel_cost, slack_cost = _shared(way)
     cold = solve_batch(way.command, effectiveness, way.max_on_time, fuel_cost, slack_cost)[3]
     lines = [

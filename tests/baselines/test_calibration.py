@@ -15,6 +15,7 @@ from thruster_baselines.detection import (
     SingleChiSquared,
     chi_squared_threshold,
     healthy_firings,
+    rate_per_interval,
     threshold_for_rate,
 )
 from thruster_baselines.estimation import PhysicalNoise
@@ -205,6 +206,9 @@ def test_firings_are_told_by_their_seed_and_as_large_as_described():
         (lambda: threshold_for_rate([[[1.0]]], 0.5), r"statistics has the shape \(1, 1, 1\)"),
         (lambda: threshold_for_rate([], 0.5), r"statistics has the shape \(0,\)"),
         (lambda: threshold_for_rate([np.nan] * 10, 0.5), "statistics has an entry that is no number"),
+        (lambda: rate_per_interval(0.0, 3600.0, 5.0), "false_alarms must be positive and finite, got 0.0"),
+        (lambda: rate_per_interval(1.0, -1.0, 5.0), "per must be positive and finite, got -1.0"),
+        (lambda: rate_per_interval(720.0, 3600.0, 5.0), "false_alarms must be below 720 in 3600 s"),
         (lambda: chi_squared_threshold(1.0), "false_alarms is 1.0"),
         (lambda: chi_squared_threshold(0.1, 0), "degrees is 0; one or more would be right"),
         (lambda: chi_squared_threshold(0.1, tests=0), "tests is 0"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import thruster_envs  # noqa: F401  # registers the environments
-from thruster_baselines.control import ChaserPilot
+from thruster_baselines.control import ChaserPilot, RecoveryPhase, RecoverySettings
 from thruster_baselines.detection.residuals import FusionDetector
 from thruster_envs.faults import Fault
 from thruster_envs.seeds import VALIDATION
@@ -126,15 +126,38 @@ def test_a_second_episode_is_flown_as_if_it_were_the_first(delay):
     assert log
 
 
+def test_phases_of_a_recovery_follow_each_other():
+    pilot = ChaserPilot(CHASER, 900, vehicles=2)
+    assert pilot.phase.tolist() == [RecoveryPhase.NOMINAL] * 2
+    pilot.tell(0, 6, "loss", 0.4)
+    pilot.tell(1, 3, "stuck_on", 1.0)
+    assert pilot.phase.tolist() == [RecoveryPhase.ACCOMMODATED, RecoveryPhase.NOMINAL]
+    assert pilot.state.due == {1: "authority is lost"}
+    assert pilot.belief.share[0, 5] == 0.6
+    observation = gym.make(MARS, inhibit=True).reset(seed=0)[0]
+    pilot(np.repeat(observation[np.newaxis], 2, axis=0))
+    assert pilot.phase.tolist() == [RecoveryPhase.ACCOMMODATED, RecoveryPhase.REDUNDANT]
+    pilot.reset()
+    assert pilot.phase.tolist() == [RecoveryPhase.NOMINAL] * 2
+
+
 def test_a_weak_thruster_still_gives_the_wrench_that_is_asked_for():
     pilot = ChaserPilot(CHASER, 900)
     pilot.tell(0, 4, "loss", 0.4)
     shares = np.ones(8)
     shares[3] = 0.6
     wrench = np.array([[6.0, -2.0, 4.0, 1.0, -0.5, 0.4]])
-    rates = pilot._open_rates(wrench)
+    rates = pilot._allocate(wrench)
     np.testing.assert_allclose((CHASER.wrenches() * shares) @ rates[0], wrench[0], atol=1e-9)
     assert rates.min() >= 0.1 - 1e-12
+
+
+def test_settings_take_their_names_of_before():
+    settings = RecoverySettings(mouth=0.3, swing=5.0)
+    assert settings == RecoverySettings(corridor_radius=0.3, transient=5.0)
+    assert (settings.mouth, settings.swing, settings.widening) == (0.3, 5.0, settings.corridor_slope)
+    with pytest.raises(TypeError, match="got both 'transient' and its old name 'swing'"):
+        RecoverySettings(swing=5.0, transient=5.0)
 
 
 def test_a_sight_of_this_moment_or_too_few_rows_are_refused():

@@ -78,7 +78,7 @@ def test_a_retreat_is_straight_if_the_thruster_pushed_forward_and_along_a_thrust
     forces = CHASER.wrenches()[:3]
     for thruster in range(1, 9):
         pilot.tell(0, thruster, "stuck_off", 1.0)
-        away = pilot._away[0]
+        away = pilot.state.away[0]
         if forces[0, thruster - 1] > 0.0:
             np.testing.assert_allclose(away, [0.0, -1.0, 0.0], atol=1e-6)
         else:
@@ -122,7 +122,7 @@ def test_a_velocity_is_seen_through_the_filter_that_expects_nominal_thrust():
     assert end == "captured"
     change = 0.1 * (0.6 - 0.1) * CHASER.wrenches()[:3, 2] / CHASER.mass
     behind = (0.3 / 0.05 - 0.5) * np.array([-change[2], change[0], -change[1]])  # LVLH
-    np.testing.assert_allclose(pilot._unseen[0, 3:], behind, rtol=1e-6)
+    np.testing.assert_allclose(pilot.state.unseen[0, 3:], behind, rtol=1e-6)
 
 
 def test_a_chaser_without_isolation_valves_is_refused():

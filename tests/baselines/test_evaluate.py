@@ -188,9 +188,9 @@ def glr(threshold: float = 0.0, spacecraft: Spacecraft = ORION):
 class BlindToRoundOff(GLRDetector):
     """As the likelihood ratio, but what round-off leaves counts as nothing."""
 
-    def _judge(self, interval):
+    def _diagnose(self, interval):
         interval.residual[np.abs(interval.residual) < 1e-12] = 0.0
-        return super()._judge(interval)
+        return super()._diagnose(interval)
 
 
 def test_without_errors_a_dead_thruster_is_found_when_it_is_first_fired():

@@ -112,7 +112,7 @@ def test_a_fault_is_named_by_what_it_changes_in_the_circuit(fit):
         "electrode_width": CIRCUIT.electrode_width * np.array([1.0, 1.0 - STEPS["electrode_sediment"], 1.0]),
         "added_resistance": np.array([0.0, 0.0, STEPS["conductivity_loss"]]),
     }
-    assert fit(*pulses(seed=4, **changed)).kick_changed.tolist() == [True, True, False]
+    assert fit(*pulses(seed=4, **changed)).impulse_changed.tolist() == [True, True, False]
 
 
 def test_residuals_are_those_of_the_reference_and_none_of_a_healthy_pulse(fit):

@@ -1,6 +1,7 @@
 """Networks of neurons with internal filters that notice a failing plasma thruster (Valdes 2008)."""
 
 from thruster_agents.dynamic_neurons.back_propagation import dynamic_back_propagation
+from thruster_agents.dynamic_neurons.detectors import MissionDetector, low_level_detector
 from thruster_agents.dynamic_neurons.filtering import recursive_filter
 from thruster_agents.dynamic_neurons.high_level import (
     HighLevelClassifier,
@@ -35,6 +36,7 @@ __all__ = [
     "IntegratedClassifier",
     "LowLevelClassifier",
     "LowLevelSettings",
+    "MissionDetector",
     "MissionReport",
     "MissionSignals",
     "SequenceNetwork",
@@ -44,6 +46,7 @@ __all__ = [
     "TrainingSettings",
     "build_network",
     "dynamic_back_propagation",
+    "low_level_detector",
     "recursive_filter",
     "train",
 ]

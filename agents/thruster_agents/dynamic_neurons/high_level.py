@@ -34,9 +34,9 @@ from thruster_agents.dynamic_neurons.files import (
     write_weights,
 )
 from thruster_agents.dynamic_neurons.networks import Architecture, SequenceNetwork, build_network
-from thruster_agents.dynamic_neurons.thresholds import threshold_of
 from thruster_agents.dynamic_neurons.training import TrainingRecord, TrainingSettings, train
 from thruster_baselines.control.quaternions import product
+from thruster_baselines.detection import residual_thresholds
 from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 
@@ -137,7 +137,7 @@ class HighLevelSettings:
         architecture: Of the three networks; 10 dynamic neurons of order 2 by default.
         rate_scale: Rad/s, what is 1 inside of the networks; residuals are in units of it.
         window: First and last second that the residual counts.
-        sensitivity: Of the thresholds of roll, pitch and yaw; see `threshold_of`.
+        sensitivity: Of the thresholds of roll, pitch and yaw; see `residual_thresholds`.
     """
 
     attitude: Literal["quaternion", "error", "increment", "none"] = "quaternion"
@@ -243,7 +243,9 @@ class HighLevelClassifier:
 
         The source takes those of training and of validation together.
         """
-        self.thresholds = threshold_of(self.residuals(missions), self.settings.sensitivity, false_alarms)
+        self.thresholds = residual_thresholds(
+            self.residuals(missions), self.settings.sensitivity, false_alarms
+        )
         return self.thresholds
 
     def declare(self, missions: MissionSignals) -> BoolArray:

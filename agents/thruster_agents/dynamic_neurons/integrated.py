@@ -178,6 +178,32 @@ class IntegratedClassifier:
             raise ValueError(f"expected_pulses is {expected.tolist()}; six positive numbers would be right")
         residuals = self.high_level.residuals(mission)[0]
         flagged = np.asarray(residuals > self.high_level.thresholds)
+
+        def residual_of(which: IntArray) -> FloatArray:
+            return self.low_level.residuals(*waveforms(which))
+
+        findings, faulty = self.findings(flagged, fired, residual_of, expected)
+        return MissionReport(residuals=residuals, flagged=flagged, findings=findings, faulty=faulty)
+
+    def findings(
+        self,
+        flagged: BoolArray,
+        fired: IntArray,
+        residual_of: Callable[[IntArray], FloatArray],
+        expected: FloatArray,
+    ) -> tuple[tuple[ThrusterFinding, ...], BoolArray]:
+        """The second stage: what is found of the thrusters of flagged pairs.
+
+        Args:
+            flagged: (3,), pairs that the high level declares faulty.
+            fired: (firings,), which thruster fired, from 0.
+            residual_of: Residuals of the low level of the firings asked for.
+            expected: (6,), how often each thruster fires in a healthy mission of the kind.
+
+        Returns:
+            Findings of thrusters, and (firings,) whether each firing is declared faulty.
+        """
+        assert self.lower is not None
         counts = np.bincount(fired.astype(np.int64), minlength=6)
         faulty = np.zeros(fired.shape, np.bool_)
         findings = []
@@ -189,10 +215,9 @@ class IntegratedClassifier:
                 # A tie tells nothing; the lower threshold then serves for both, as that of a gain does.
                 threshold = self.upper if excess > 0 else self.lower
                 if which.size:
-                    voltage, current = waveforms(which)
-                    faulty[which] = self.low_level.residuals(voltage, current) > threshold
+                    faulty[which] = residual_of(which) > threshold
                 findings.append(_finding(thruster, faulty[which], threshold, excess > 0))
-        return MissionReport(residuals=residuals, flagged=flagged, findings=tuple(findings), faulty=faulty)
+        return tuple(findings), faulty
 
     def save(self, folder: str | Path) -> None:
         """Write both levels and the lower threshold into a folder; see `files`."""

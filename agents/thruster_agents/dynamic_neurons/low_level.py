@@ -34,8 +34,8 @@ from thruster_agents.dynamic_neurons.files import (
     write_weights,
 )
 from thruster_agents.dynamic_neurons.networks import Architecture, SequenceNetwork, build_network
-from thruster_agents.dynamic_neurons.thresholds import threshold_of
 from thruster_agents.dynamic_neurons.training import TrainingRecord, TrainingSettings, train
+from thruster_baselines.detection import residual_thresholds
 from thruster_envs.configuration import coerce_fields, from_mapping, require, to_mapping
 from thruster_envs.protocols import BoolArray, FloatArray
 
@@ -58,7 +58,7 @@ class LowLevelSettings:
         architecture: Of the network; 10 dynamic neurons of order 2 by default.
         voltage_scale: V, what is 1 inside of the network.
         current_scale: A, likewise; residuals are in units of it.
-        sensitivity: Of the threshold (1.15 in the source); see `threshold_of`.
+        sensitivity: Of the threshold (1.15 in the source); see `residual_thresholds`.
         stride: Every so many samples are used, 1 for all.
     """
 
@@ -150,7 +150,7 @@ class LowLevelClassifier:
     ) -> float:
         """The threshold that healthy pulses give, by eq. 4.2 or for a rate of false alarms."""
         found = self.residuals(voltage, current, charge_voltage=charge_voltage)
-        return float(threshold_of(found, self.settings.sensitivity, false_alarms))
+        return float(residual_thresholds(found, self.settings.sensitivity, false_alarms))
 
     def calibrate(
         self,

@@ -128,9 +128,9 @@ class Tested(_OnDuties):
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         reading, authority = self.read(observations), self.read.scale("measured_change")
         missed = reading.entries("measured_change") - reading.entries("expected_change")
-        health = self.test.update(self.period * reading.duties, authority * missed)
+        self.test.update(self.period * reading.duties, authority * missed)
         self.statistics.append(self.test.statistic)
-        believed = self.mapper.effectiveness * health[:, np.newaxis, :]
+        believed = self.test.belief.effectiveness(self.mapper.effectiveness)
         return self.actions(self.mapper(self.command, effectiveness=believed).on_times)
 
 

@@ -1,7 +1,12 @@
 """Control: closed loops from measurements to thruster duties, with or without a diagnosis of thrusters."""
 
 from thruster_baselines.control.approach import ApproachController, ApproachSettings
-from thruster_baselines.control.chaser_pilot import ChaserDecision, ChaserPilot, RecoverySettings
+from thruster_baselines.control.chaser_pilot import (
+    ChaserDecision,
+    ChaserPilot,
+    RecoveryPhase,
+    RecoverySettings,
+)
 from thruster_baselines.control.classical_pilot import (
     ClassicalPilot,
     Decision,
@@ -35,6 +40,7 @@ __all__ = [
     "ObservationReader",
     "ProbeSettings",
     "QuaternionTeam",
+    "RecoveryPhase",
     "RecoverySettings",
     "RelativeNavigation",
     "RendezvousCommandPolicy",

@@ -1,146 +1,56 @@
 """Flies the approach about Mars to capture or to a safe retreat, whatever one of its thrusters does.
 
-Acts on observations of `MarsRendezvous-v0` with `inhibit=True` alone, for a batch of chasers. The law is
-`ApproachController`'s. A detector fed by navigation alarms and names the thruster; one that can identify says
-what is wrong with it, at once or, with `probe`, when that is clear: valves are then opened for a moment now
-and then, and more often after an alarm, in groups that push and turn nowhere together (`valve_probing`), but
-not where the target is near, nor with a thruster that is known to be faulty. Then:
+Acts on observations of `MarsRendezvous-v0` with `inhibit=True` alone, for a batch of chasers, by the law of
+`ApproachController`. Each period has the same phases, one method each: begin it, carry out what is due,
+detect (and isolate, identify and recover), review, guard, steer, allocate and probe, act. What is known and
+believed of a vehicle is its `ChaserState`; how far its recovery has come, its `RecoveryPhase`.
 
-- a loss that leaves `kept_share` of the thrust or more is made good: the others and the weak one are allotted
-  with the corrected effectiveness, and the detector expects that from now on;
-- for everything else the isolation valve of the named thruster is closed at once. Seven thrusters push in six
-  directions of one sign only, so authority is lost with it, and one period later the chaser goes over to
-  branch B with all valves open and the detector begins anew;
-- an alarm that names nobody within `doubt_time`, or comes closer to the target than `near`, is reason enough
-  to go over;
-- the approach is given up, on branch B, when there is an alarm on that branch after `settling`, when the
-  chaser is about to leave its corridor, or when it is not within the tolerances of capture just before the
-  target. It then flies back along-track, away from the target, until it is out of reach.
+A loss that leaves enough thrust is made good by allocation; for all else the isolation valve is closed and
+the redundant branch taken, or, where there is none, allocation goes on around the fault as long as authority
+is left. The rules and the reasons for them: docs/derivations/chaser_recovery.md. The source (Fonod et al.
+2013) isolates the thruster and says nothing of what comes after; rules and numbers are ours.
 
-A vehicle without branch B has to do with what is left (`valve_allocation`):
-
-- a thruster that is stuck, leaks, is weak or late goes on being used as it is, as long as wrenches of every
-  direction can be given, `least_authority` of each axis at the least; a slow one does no harm;
-- otherwise its isolation valve is closed. The attitude is still held in full, since four of the seven turn
-  the chaser every way, and whatever force is left then lies in a cone of three directions. The approach is
-  given up: it flies off in the direction that is nearest to straight back, diagonally if the thruster pushed
-  back, and lets itself be carried across. Nearer than `commitment` that would lead out of the corridor before
-  it leads away from the target; there it goes on, unbraked, and holds across what it can;
-- what is wrong is asked again some seconds after a name, and then the detector begins anew with what is
-  believed. A later name has to weigh something. Once authority is lost nothing is diagnosed any more: whoever
-  closed the wrong valve has lost two thrusters.
-
-An isolation valve is closed for good. Opened and closed in every period it would make of a thruster that is
-stuck open one that is on or off for a tenth of a second, but a latch valve is not made for hundreds of
-strokes nor for such haste, and nothing tells whether a stroke was carried out.
-
-The source (Fonod et al. 2013) names the thruster and says nothing of what comes after; rules and numbers
-are ours. Left out: which thruster of branch B has failed, a second approach after a retreat, two faults at
+Left out: which thruster of the redundant branch has failed, a second approach after a retreat, two faults at
 once.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.control.approach import AXES, ApproachController, ApproachSettings
-from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
+from thruster_baselines.control.chaser_state import (
+    ChaserDecision,
+    ChaserState,
+    RecoveryPhase,
+    RecoverySettings,
+)
+from thruster_baselines.control.valve_allocation import ValveAllocation, authority_left
 from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing
+from thruster_baselines.detection import Telemetry, Verdict
 from thruster_baselines.detection.residuals import FUSION_KINDS, BaseNavigationDetector, FusionDetector
 from thruster_envs.configuration import require
 from thruster_envs.observations import Reader
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["ChaserDecision", "ChaserPilot", "RecoverySettings"]
+__all__ = ["ChaserDecision", "ChaserPilot", "RecoveryPhase", "RecoverySettings"]
 
 _ALPHA, _BETA = 0.3, 0.05  # of the filter of the observed velocity
 _OPENED = "stuck_on"  # what a detector that cannot identify looks for
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecoverySettings:
-    """When and how the pilot recovers.
+class _Period(NamedTuple):
+    """What is seen in a period: observations (vehicles, m), position and velocity (vehicles, 3), m, m/s."""
 
-    Attributes:
-        kept_share: Least thrust of a weak thruster that goes on being used, as a share.
-        doubt_time: From an alarm without a name to branch B, or without one to a retreat, s.
-        near: Distance from the target below which an alarm alone is reason to go over, m.
-        settling: How long alarms on branch B are taken for the swing of a filter that has begun anew, s.
-        retreat_speed: Away from the target, m/s.
-        retreat_acceleration: Until then, m/s^2.
-        gate: Distance before the target where the tolerances of capture have to be met, m.
-        offset: Across the approach, at the gate, m.
-        lateral_speed: Across the approach, at the gate, m/s.
-        angle: From the attitude of the approach, at the gate, rad.
-        spin: Body rate against LVLH, at the gate, rad/s.
-        least_authority: Share of that of each axis below which a thruster's valve is rather closed, where
-            there is no branch B.
-        reviews: When after a name it is asked again what is wrong with the thruster, s; the last answer is
-            what the detector expects from then on.
-        slowest: Time constant from which on an answer that the valve is slow is taken for none, s.
-        second_fault: By how much a thruster that is named after a re-allocation has to be off what is
-            expected of it, as an open rate, for the belief to change.
-        swing: How long alarms after a re-allocation are taken for the swing of a filter that has begun anew
-            and learns the errors of more thrust, s.
-        commitment: Distance from the target below which an approach that has lost authority goes on, m.
-        mouth: Half-width of the corridor at the target, m.
-        widening: Tangent of the angle by which it widens.
-        corridor_share: Share of the half-width from which on the approach is given up.
-    """
-
-    kept_share: float = 0.5
-    doubt_time: float = 10.0
-    near: float = 0.5
-    settling: float = 5.0
-    retreat_speed: float = 0.4
-    retreat_acceleration: float = 0.02
-    gate: float = 0.15
-    offset: float = 0.08
-    lateral_speed: float = 0.015
-    angle: float = 0.044
-    spin: float = 0.0075
-    least_authority: float = 0.045
-    reviews: tuple[float, ...] = (2.0, 5.0)
-    slowest: float = 1.0
-    second_fault: float = 0.1
-    swing: float = 8.0
-    commitment: float = 2.6
-    mouth: float = 0.25
-    widening: float = 0.176
-    corridor_share: float = 0.8
-
-
-@dataclass(frozen=True, slots=True)
-class ChaserDecision:
-    """One entry of the pilot's log.
-
-    Attributes:
-        vehicle: Its index in the batch.
-        time: s since the start of the episode.
-        what: `alarm`, `named`, `identified`, `told`, `re-allocated`, `inhibited`, `branch B` or `retreat`.
-        thruster: Its number, from 1; 0 where none is meant.
-        reason: The kind of fault, or why.
-        severity: Of that kind; no number where none is believed.
-
-    >>> print(ChaserDecision(0, 61.3, "inhibited", 4, "stuck_on"))
-    61.3 s  inhibited: thruster 4, stuck_on
-    """
-
-    vehicle: int
-    time: float
-    what: str
-    thruster: int
-    reason: str
-    severity: float = float("nan")
-
-    def __str__(self) -> str:
-        who = f"thruster {self.thruster}, " if self.thruster else ""
-        return f"{self.time:.1f} s  {self.what}: {who}{self.reason}"
+    rows: FloatArray
+    position: FloatArray
+    velocity: FloatArray
 
 
 class ChaserPilot:
@@ -207,51 +117,34 @@ class ChaserPilot:
         # Nearer than that nothing is waited for, m: without a branch to go over to, a retreat takes its time.
         self._hurry = self.recovery.near if self._spare else 2.0 * self.recovery.commitment
         self._probing = None if probe is None else ValveProbing(self._wrenches, self._period, probe)
-        n, count = self._n, vehicles
-        self._vehicles = count
-        self.statistic: FloatArray = np.zeros(count)
-        self.alarm_time: FloatArray = np.full(count, np.inf)
-        self.name_time: FloatArray = np.full(count, np.inf)
-        self.named: IntArray = np.zeros(count, np.int64)
-        self.kind: NDArray[np.str_] = np.full(count, "", "U16")
-        self.kind_time: FloatArray = np.full(count, np.inf)
-        self.branch: BoolArray = np.zeros(count, np.bool_)
-        self.retreating: BoolArray = np.zeros(count, np.bool_)
-        self._closed: BoolArray = np.zeros((count, n), np.bool_)
-        self._belief = ValveBelief.sound(count, n)
-        self._expected = ValveBelief.sound(count, n)  # what the detector is told of
-        self._blamed: IntArray = np.zeros(count, np.int64)  # the thruster that is taken for faulty, from 1
-        self._settled: IntArray = np.zeros(count, np.int64)  # the same, as the detector is told
-        self._reviewed: IntArray = np.zeros(count, np.int64)  # the thruster that is asked about again, from 1
-        self._reviews: IntArray = np.full(count, -1)  # how often it was; -1 if it is not any more
-        self._named_at: FloatArray = np.zeros(count)
-        self._asked: IntArray = np.zeros(count, np.int64)  # the thruster of which it is not yet clear, from 1
-        self._asked_at: FloatArray = np.full(count, np.inf)
-        self._limited: BoolArray = np.zeros(count, np.bool_)  # whether authority is lost
-        self._away: FloatArray = np.zeros((count, 3))  # where a retreat without authority goes, LVLH
-        # What a filter that knows of the fault sees beyond the one of the observations: m, m/s, LVLH.
-        self._unseen: FloatArray = np.zeros((count, 6))
-        self._alarm: FloatArray = np.full(count, np.inf)  # of the alarm that is being looked into
-        self._begin: FloatArray = np.zeros((count, 3))  # of the retreat: time, position, velocity
-        self._changed: FloatArray = np.full(count, np.inf)  # when the branch was, or what is believed
-        self._fresh: BoolArray = np.ones(count, np.bool_)  # whether the detector has only just begun
-        self._due: dict[int, str] = {}  # who goes over to branch B in the next period, and why
-        self._elapsed: FloatArray = np.zeros(count)
-        self._commands: deque[FloatArray] = deque([np.zeros((count, n))] * navigation_delay, navigation_delay)
+        self._vehicles = vehicles
+        self.state = state = ChaserState.of(vehicles, self._n)
+        self.statistic: FloatArray = np.zeros(vehicles)
+        self.alarm_time, self.name_time, self.named = state.alarm_time, state.name_time, state.named
+        self.kind, self.kind_time = state.kind, state.kind_time
+        self.branch, self.retreating = state.branch, state.retreating
+        idle = [np.zeros((vehicles, self._n))] * navigation_delay
+        self._commands: deque[FloatArray] = deque(idle, navigation_delay)
         self.reset()
+
+    @property
+    def belief(self) -> ActuatorBelief:
+        """What is believed of the thrusters, (vehicles, n)."""
+        return self.state.belief
+
+    @property
+    def phase(self) -> IntArray:
+        """(vehicles,), of `RecoveryPhase`: how far the recovery has come."""
+        return self.state.phase
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Begin an episode in the vehicles of a mask (vehicles,), or in all of them; the log stays."""
         mask = np.ones(self._vehicles, np.bool_) if vehicles is None else np.asarray(vehicles, np.bool_)
-        self.alarm_time[mask] = self.name_time[mask] = self._alarm[mask] = np.inf
-        self.named[mask], self.kind[mask], self.kind_time[mask] = 0, "", np.inf
-        self._asked[mask] = 0
-        self.branch[mask] = self.retreating[mask] = False
-        self._elapsed[mask], self._changed[mask] = 0.0, np.inf
-        self._due = {vehicle: why for vehicle, why in self._due.items() if not mask[vehicle]}
         for told in self._commands:
             told[mask] = 0.0
-        self._trust(mask)
+        self.state.restart(mask)
+        if self.detector is not None:
+            self.detector.reset(mask)
 
     def tell(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Hear the truth about a thruster, from 1, of somebody who knows it; recovery follows at once."""
@@ -259,7 +152,7 @@ class ChaserPilot:
         if self._spare:
             self._recover(vehicle, thruster, kind, severity)
         else:
-            self._allot(vehicle, thruster, kind, severity)
+            self._reallocate(vehicle, thruster, kind, severity)
             self._settle(vehicle)
 
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
@@ -268,58 +161,79 @@ class ChaserPilot:
         rows = seen.reshape(-1, seen.shape[-1]).copy()
         if rows.shape[0] != self._vehicles:
             raise ValueError(f"observation has {rows.shape[0]} rows; {self._vehicles} would be right")
+        period = self._begin_period(rows)
+        self._carry_out_due(period)
+        self._detect(period)
+        self._review()
+        self._guard(period)
+        rates = self._probe(self._allocate(self._steer(period)), period.position)
+        return self._actions(rates).reshape(*seen.shape[:-1], -1)
+
+    def _begin_period(self, rows: FloatArray) -> _Period:
+        """Phase 1: restart episodes that begin, and put velocities right."""
         elapsed = self.controller.elapsed(rows)
-        again = elapsed < self._elapsed
+        again = elapsed < self.state.elapsed
         if again.any():
             self.reset(again)
-        self._elapsed = elapsed
-        self._see_through(rows)
-        position, velocity = self.controller.position(rows), self._reader(rows).velocity
-        for vehicle, reason in self._due.items():
+        self.state.elapsed[:] = elapsed
+        self._correct_velocity(rows)
+        return _Period(rows, self.controller.position(rows), self._reader(rows).velocity)
+
+    def _carry_out_due(self, period: _Period) -> None:
+        """Phase 2: do what the last period decided for this one."""
+        for vehicle, reason in self.state.due.items():
             if self._spare:
-                self._go_over(vehicle, reason)
+                self._switch_branch(vehicle, reason)
             elif not self.retreating[vehicle]:
-                self._give_up(vehicle, reason, position[vehicle, 1], velocity[vehicle, 1])
-        self._due.clear()
-        self._diagnose(rows, position, velocity)
-        self._review()
-        self._guard(rows, position, velocity)
-        along, speed, acceleration = self.controller.reference(
-            self._period * np.maximum(elapsed - self.controller.navigation_delay, 0.0)
+                self._start_retreat(vehicle, reason, period)
+        self.state.due.clear()
+
+    def _steer(self, period: _Period) -> FloatArray:
+        """Phase 6: (vehicles, 6) wrenches, N and N m, of the approach or of the retreat."""
+        reference = self.controller.reference(
+            self._period * np.maximum(self.state.elapsed - self.controller.navigation_delay, 0.0)
         )
         if self.retreating.any():
-            back = self._retreat()
+            back = self._retreat_reference()
             along, speed, acceleration = (
-                np.where(self.retreating, theirs, ours)
-                for theirs, ours in zip(back, (along, speed, acceleration), strict=True)
+                np.where(self.retreating, theirs, ours) for theirs, ours in zip(back, reference, strict=True)
             )
-        wanted = self.controller.acceleration(rows, (along, speed, acceleration))
-        if self._limited.any():
-            wanted[self._limited] = self._make_do(wanted, velocity)[self._limited]
-        rates = self._probe(self._open_rates(self.controller.wrench_for(rows, wanted)), position)
+            reference = along, speed, acceleration
+        wanted = self.controller.acceleration(period.rows, reference)
+        if self.state.limited.any():
+            wanted[self.state.limited] = self._limited_acceleration(wanted, period.velocity)[
+                self.state.limited
+            ]
+        return self.controller.wrench_for(period.rows, wanted)
+
+    def _actions(self, rates: FloatArray) -> NDArray[np.float32]:
+        """Phase 8: duties, isolation valves and the branch as an action."""
         n, size = self._n, 2 * self._n + int(self._spare)
-        actions = np.full((rows.shape[0], size), -1.0, np.float32)
-        actions[:, :n] = 2.0 * np.where(self._closed, 0.0, rates) - 1.0
-        actions[:, n : 2 * n][self._closed] = 1.0
+        actions = np.full((self._vehicles, size), -1.0, np.float32)
+        actions[:, :n] = 2.0 * np.where(self.state.closed, 0.0, rates) - 1.0
+        actions[:, n : 2 * n][self.state.closed] = 1.0
         if self._spare:
             actions[self.branch, 2 * n] = 1.0
-        return actions.reshape(*seen.shape[:-1], size)
+        return actions
 
-    def _open_rates(self, wrench: FloatArray) -> FloatArray:
-        """(vehicles, n) open rates of thrusters as they are believed to be."""
-        belief, idle = self._belief, self.controller.settings.idle
+    def _allocate(self, wrench: FloatArray) -> FloatArray:
+        """Phase 7: (vehicles, n) open rates of thrusters as they are believed to be."""
+        belief, idle = self.state.belief, self.controller.settings.idle
         return belief.commands(self._allocation(wrench, belief.lower, belief.upper, idle=idle))
 
     def _probe(self, rates: FloatArray, position: FloatArray) -> FloatArray:
         """(vehicles, n) open rates for the same wrench, with a probe where all thrusters are trusted."""
         if self._probing is None:
             return rates
-        elapsed: IntArray = self._elapsed.astype(np.int64)
+        elapsed: IntArray = self.state.elapsed.astype(np.int64)
         heights = self._probing.heights(
-            elapsed, self._since(self._alarm), self._since(self._asked_at), self._asked
+            elapsed,
+            self._since(self.state.alarm),
+            self._since(self.state.questioned_at),
+            self.state.questioned,
         )
-        sound = ~self.branch & ~self.retreating & (self._blamed == 0) & ~self._closed.any(axis=1)
-        near = np.where(np.isfinite(self._alarm), self._hurry, self.recovery.near)
+        sound = ~self.branch & ~self.retreating & (self.state.isolated == 0) & ~self.state.closed.any(axis=1)
+        near = np.where(np.isfinite(self.state.alarm), self._hurry, self.recovery.near)
         heights[~sound | (position[:, 1] > -near)] = 0.0
         return self._probing.open(rates, heights)
 
@@ -327,23 +241,24 @@ class ChaserPilot:
         """(vehicles,) periods since moments, s; below 0 for those that are infinite."""
         known = np.isfinite(time)
         return np.where(
-            known, np.round(self._elapsed - np.where(known, time, 0.0) / self._period), -1
+            known, np.round(self.state.elapsed - np.where(known, time, 0.0) / self._period), -1
         ).astype(np.int64)
 
-    def _see_through(self, rows: FloatArray) -> None:
+    def _correct_velocity(self, rows: FloatArray) -> None:
         """Put right the velocities of observations, whose filter expects what nominal thrusters give."""
-        if not self._blamed.any():
+        if not self.state.isolated.any():
             return
         told, period = self._commands[0], self._period
-        change = period * (self._belief.delivered(told) - told) @ self._push.T
-        change[self._blamed == 0] = 0.0
-        place, speed = self._unseen[:, :3], self._unseen[:, 3:]
+        change = period * (self.state.belief.delivered(told) - told) @ self._push.T
+        change[self.state.isolated == 0] = 0.0
+        place, speed = self.state.unseen[:, :3], self.state.unseen[:, 3:]
         ahead = place + period * (speed + 0.5 * change)
-        self._unseen[:, :3] = (1.0 - _ALPHA) * ahead
-        self._unseen[:, 3:] += change - _BETA / period * ahead
-        rows[:, self._reader.columns("velocity")] += self._unseen[:, 3:] / self._reader.scale("velocity")
+        self.state.unseen[:, :3] = (1.0 - _ALPHA) * ahead
+        self.state.unseen[:, 3:] += change - _BETA / period * ahead
+        seen = self.state.unseen[:, 3:] / self._reader.scale("velocity")
+        rows[:, self._reader.columns("velocity")] += seen
 
-    def _make_do(self, wanted: FloatArray, velocity: FloatArray) -> FloatArray:
+    def _limited_acceleration(self, wanted: FloatArray, velocity: FloatArray) -> FloatArray:
         """(vehicles, 3) accelerations, m/s^2, LVLH, of who has lost authority; `wanted` for all others.
 
         A retreat asks for a velocity, wherever it leads. Who is too near for one asks for what the approach
@@ -351,7 +266,7 @@ class ChaserPilot:
         """
         law, gains = self.recovery, self.controller.settings
         rate = 2.0 * gains.damping * gains.translation
-        back = rate * (law.retreat_speed * self._away - velocity)
+        back = rate * (law.retreat_speed * self.state.away - velocity)
         size = np.linalg.norm(back, axis=1, keepdims=True)
         back *= law.retreat_acceleration / np.maximum(size, law.retreat_acceleration)
         on = wanted.copy()
@@ -359,86 +274,106 @@ class ChaserPilot:
         on[:, 1] = rate * (np.clip(speed, 0.5 * gains.contact_speed, gains.speed) - speed)
         return np.where(self.retreating[:, np.newaxis], back, on)
 
-    def _diagnose(self, rows: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-        """Let the detector see the sample that has come, and recover where it names a thruster."""
-        detector = self.detector
-        self._commands.append(self.controller.open_rates_told(rows))
+    def _detect(self, period: _Period) -> None:
+        """Phase 3: feed the detector, and recover where it isolates a thruster."""
+        detector, state = self.detector, self.state
+        self._commands.append(self.controller.open_rates_told(period.rows))
         if detector is None:
             return
-        early = self._elapsed < self.controller.navigation_delay - 1  # what is seen is the start, again
+        diagnosis = self._feed(detector, period.rows)
+        self.statistic = diagnosis.statistic
+        time = self._period * state.elapsed
+        since = np.where(np.isfinite(state.changed), time - state.changed, np.inf)
+        law = self.recovery
+        transient = diagnosis.detected & (since < np.where(self.branch, law.settling, law.transient))
+        if transient.any():
+            detector.believe(self._believed(), transient)
+        detected = diagnosis.detected & ~transient & (state.reviews < 0) & ~state.limited
+        for vehicle in np.flatnonzero(detected & ~self.branch & np.isinf(state.alarm)):
+            state.alarm[vehicle] = time[vehicle]
+            self.alarm_time[vehicle] = min(self.alarm_time[vehicle], time[vehicle])
+            self._note(int(vehicle), "alarm", 0, "the statistic is above the threshold")
+        isolated = detected & (diagnosis.thruster > 0) & ~self.branch
+        if isolated.any():
+            self._identify(np.where(isolated, diagnosis.thruster, 0), period)
+        self._doubt(detected & ~self.branch & ~isolated, time, period.position)
+        for vehicle in np.flatnonzero(detected & self.branch & ~self.retreating):
+            self._start_retreat(int(vehicle), "an alarm on branch B", period)
+
+    def _feed(self, detector: BaseNavigationDetector, rows: FloatArray) -> Verdict:
+        """The detector's verdict on one more sample; what is seen in the first ones is the start, again."""
+        state = self.state
+        early = state.elapsed < self.controller.navigation_delay - 1
         attitude, rate = self.controller.attitude(rows)
         # Nothing is on its way to the valves at a start and after a change of branch.
         inside = self._reader(rows).within("velocity", "attitude_error", "rate_error").all(axis=1)
-        valid = inside & ~self._fresh
-        told = np.where(self._fresh[:, np.newaxis], 0.0, self._expected.delivered(self._commands[0]))
-        self._fresh &= early
-        diagnosis = detector.update(told, position, attitude, rate, valid=valid)
+        valid = inside & ~state.fresh
+        told = np.where(state.fresh[:, np.newaxis], 0.0, state.expected.delivered(self._commands[0]))
+        state.fresh &= early
+        seen = Telemetry(
+            self._period, duties=told, position=self.controller.position(rows), attitude=attitude, rate=rate,
+            valid=valid,
+        )  # fmt: skip
+        verdict = detector.update(seen)
         if early.any():
             detector.reset(early)
-        self.statistic = diagnosis.statistic
-        time = self._period * self._elapsed
-        law = self.recovery
-        since = np.where(np.isfinite(self._changed), time - self._changed, np.inf)
-        swinging = diagnosis.detected & (since < np.where(self.branch, law.settling, law.swing))
-        if swinging.any():
-            detector.believe(self._believed(), swinging)
-        detected = diagnosis.detected & ~swinging & (self._reviews < 0) & ~self._limited
-        for vehicle in np.flatnonzero(detected & ~self.branch & np.isinf(self._alarm)):
-            self._alarm[vehicle] = time[vehicle]
-            self.alarm_time[vehicle] = min(self.alarm_time[vehicle], time[vehicle])
-            self._note(int(vehicle), "alarm", 0, "the statistic is above the threshold")
-        fresh = detected & (diagnosis.thruster > 0) & ~self.branch
-        if fresh.any():
-            self._name(np.where(fresh, diagnosis.thruster, 0), rows, position)
-        doubtful = detected & ~self.branch & ~fresh
-        late = time - self._alarm >= law.doubt_time
+        return verdict
+
+    def _doubt(self, doubtful: BoolArray, time: FloatArray, position: FloatArray) -> None:
+        """Go over, or drop the alarm, in vehicles (vehicles,) with an alarm that isolates nobody in time."""
+        law, state = self.recovery, self.state
+        late = time - state.alarm >= law.doubt_time
         close = (position[:, 1] > -law.near) & self._spare
-        nobody = late & (self._spare | (self._blamed == 0))
+        nobody = late & (self._spare | (state.isolated == 0))
         for vehicle in np.flatnonzero(doubtful & late & ~nobody):
-            self._alarm[vehicle] = np.inf
+            state.alarm[vehicle] = np.inf
             self._expect(int(vehicle))
         for vehicle in np.flatnonzero(doubtful & (nobody | close)):
-            self._due[int(vehicle)] = "an alarm that names nobody" if late[vehicle] else "an alarm close by"
-        for vehicle in np.flatnonzero(detected & self.branch & ~self.retreating):
-            self._give_up(int(vehicle), "an alarm on branch B", position[vehicle, 1], velocity[vehicle, 1])
+            state.due[int(vehicle)] = "an alarm that names nobody" if late[vehicle] else "an alarm close by"
 
-    def _name(self, thruster: IntArray, rows: FloatArray, position: FloatArray) -> None:
+    def _identify(self, thruster: IntArray, period: _Period) -> None:
         """Say what is wrong with the named thrusters (vehicles,), from 1, once it is clear, and recover."""
         kinds, sizes = [_OPENED] * self._vehicles, np.ones(self._vehicles)
         clear = np.ones(self._vehicles, np.bool_)
-        now = self._period * self._elapsed
+        now = self._period * self.state.elapsed
         if isinstance(self.detector, FusionDetector):
             identified = self.detector.identify(thruster)
             kinds, sizes = list(identified.kind), identified.severity
             if self._probing is not None:
                 second, first = np.sort(identified.statistic, axis=1)[:, -2:].T
-                clear = self._is_clear(first - second, thruster, rows, position)
+                clear = self._is_clear(first - second, thruster, period)
         for vehicle in np.flatnonzero(thruster):
             who, kind, size = int(thruster[vehicle]), kinds[vehicle], float(sizes[vehicle])
             if self.named[vehicle] == 0:
                 self.named[vehicle], self.name_time[vehicle] = who, now[vehicle]
             if not clear[vehicle]:
-                if self._asked[vehicle] != who:
-                    self._asked[vehicle], self._asked_at[vehicle] = who, now[vehicle]
+                if self.state.questioned[vehicle] != who:
+                    self.state.questioned[vehicle], self.state.questioned_at[vehicle] = who, now[vehicle]
                     self._note(int(vehicle), "named", who, "what is wrong with it is not yet clear")
                 continue
             if self.kind[vehicle] == "":
                 self.kind[vehicle], self.kind_time[vehicle] = kind, now[vehicle]
             self._note(
-                int(vehicle), "identified" if self._asked[vehicle] == who else "named", who, kind, size
+                int(vehicle),
+                "identified" if self.state.questioned[vehicle] == who else "named",
+                who,
+                kind,
+                size,
             )
-            self._asked[vehicle] = 0
+            self.state.questioned[vehicle] = 0
             self._recover(int(vehicle), who, kind, size)
 
-    def _is_clear(
-        self, lead: FloatArray, thruster: IntArray, rows: FloatArray, position: FloatArray
-    ) -> BoolArray:
+    def _is_clear(self, lead: FloatArray, thruster: IntArray, period: _Period) -> BoolArray:
         """(vehicles,) whether to say what is wrong with named thrusters: it shows, or time is up."""
         assert self._probing is not None
         law = self._probing.settings
-        since = np.where(self._asked == thruster, self._period * self._elapsed - self._asked_at, 0.0)
-        urgent = (-position[:, 1] < self._hurry) | self._is_aside(position, law)
-        urgent |= _is_turned(self._reader, rows, law)
+        since = np.where(
+            self.state.questioned == thruster,
+            self._period * self.state.elapsed - self.state.questioned_at,
+            0.0,
+        )
+        urgent = (-period.position[:, 1] < self._hurry) | self._is_off_axis(period.position, law)
+        urgent |= _is_turned(self._reader, period.rows, law)
         shown = (lead >= law.margin) & (since >= law.least_wait - 1e-6)
         return np.asarray(shown | urgent | (since >= law.longest_wait - 1e-6))
 
@@ -448,14 +383,18 @@ class ChaserPilot:
             return
         if not self._spare:
             self._go_on_without_branch(vehicle, thruster, kind, severity)
-        elif kind == "loss" and 1.0 - severity >= self.recovery.kept_share and self._blamed[vehicle] == 0:
-            self._belief.blame(vehicle, thruster, kind, severity, period=self._period)
-            self._blamed[vehicle] = thruster
+        elif (
+            kind == "loss"
+            and 1.0 - severity >= self.recovery.kept_share
+            and self.state.isolated[vehicle] == 0
+        ):
+            self.state.belief.blame(vehicle, thruster, kind, severity, period=self._period)
+            self.state.isolated[vehicle] = thruster
             self._settle(vehicle)
             self._note(vehicle, "re-allocated", thruster, kind, severity)
         else:
-            self._closed[vehicle, thruster - 1] = True
-            self._due[vehicle] = "authority is lost"
+            self.state.closed[vehicle, thruster - 1] = True
+            self.state.due[vehicle] = "authority is lost"
             self._note(vehicle, "inhibited", thruster, kind, severity)
 
     def _go_on_without_branch(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
@@ -465,40 +404,40 @@ class ChaserPilot:
         with which nothing is found wrong is left alone, and watched again.
         """
         if kind == FUSION_KINDS[0]:  # nothing is found wrong with it
-            self._alarm[vehicle] = np.inf
+            self.state.alarm[vehicle] = np.inf
             self._expect(vehicle)
             return
-        second = self._blamed[vehicle] > 0
-        if not second and not self._says_nothing(kind, severity):
-            self._allot(vehicle, thruster, *self._understood(vehicle, thruster, kind, severity))
-        if isinstance(self.detector, FusionDetector) and not self._closed[vehicle].any():
-            self._reviewed[vehicle], self._reviews[vehicle] = thruster, 0
-            self._named_at[vehicle] = self._period * self._elapsed[vehicle]
+        second = self.state.isolated[vehicle] > 0
+        if not second and not self._is_void(kind, severity):
+            self._reallocate(vehicle, thruster, *self._interpret(vehicle, thruster, kind, severity))
+        if isinstance(self.detector, FusionDetector) and not self.state.closed[vehicle].any():
+            self.state.reviewed[vehicle], self.state.reviews[vehicle] = thruster, 0
+            self.state.isolated_at[vehicle] = self._period * self.state.elapsed[vehicle]
         else:
             if second:
-                self._allot(vehicle, thruster, *self._understood(vehicle, thruster, kind, severity))
+                self._reallocate(vehicle, thruster, *self._interpret(vehicle, thruster, kind, severity))
             self._settle(vehicle)
 
-    def _allot(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
+    def _reallocate(self, vehicle: int, thruster: int, kind: str, severity: float) -> None:
         """Believe in a fault; where too little authority is left, close a valve that will not close."""
-        belief, idle = self._belief, self.controller.settings.idle
-        self._closed[vehicle] = False  # of whoever was blamed before
+        belief, idle = self.state.belief, self.controller.settings.idle
+        self.state.closed[vehicle] = False  # of whoever was blamed before
         belief.blame(vehicle, thruster, kind, severity, period=self._period, idle=idle)
-        self._blamed[vehicle] = thruster
+        self.state.isolated[vehicle] = thruster
         left = authority_left(self._wrenches, belief.lower[vehicle], belief.upper[vehicle])
-        self._limited[vehicle] = left < self.recovery.least_authority
+        self.state.limited[vehicle] = left < self.recovery.least_authority
         self._note(vehicle, "re-allocated", thruster, kind, severity)
-        if self._limited[vehicle]:
+        if self.state.limited[vehicle]:
             if belief.floor[vehicle, thruster - 1] > 0.0:
                 self._close(vehicle)
-            self._away[vehicle] = self._way_back(vehicle)
+            self.state.away[vehicle] = self._retreat_direction(vehicle)
 
-    def _understood(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
+    def _interpret(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
         """The fault that an answer of the detector, which was told of another belief, stands for."""
         idle = self.controller.settings.idle
-        if self._settled[vehicle] == thruster:
-            kind, severity = self._expected.together(vehicle, thruster, kind, severity)
-        held = float(self._belief.hold[vehicle, thruster - 1])
+        if self.state.settled[vehicle] == thruster:
+            kind, severity = self.state.expected.together(vehicle, thruster, kind, severity)
+        held = float(self.state.belief.hold[vehicle, thruster - 1])
         if kind == "leak" and held > 0.0:  # as long as it is told one and the same, a leak is a constant
             kind, severity = "stuck_on", severity + (1.0 - severity) * held
         if kind == "stuck_on" and severity < idle:
@@ -510,39 +449,40 @@ class ChaserPilot:
 
     def _close(self, vehicle: int) -> None:
         """Close the valve of the thruster that is blamed, unless it is closed."""
-        thruster = int(self._blamed[vehicle])
-        if not self._closed[vehicle, thruster - 1]:
-            self._closed[vehicle, thruster - 1] = True
-            self._belief.close(vehicle, thruster)
+        thruster = int(self.state.isolated[vehicle])
+        if not self.state.closed[vehicle, thruster - 1]:
+            self.state.closed[vehicle, thruster - 1] = True
+            self.state.belief.close(vehicle, thruster)
             self._note(vehicle, "inhibited", thruster, "authority is lost")
 
     def _review(self) -> None:
-        """Ask again what is wrong with thrusters that were named a little while ago."""
+        """Phase 4: ask again what is wrong with thrusters that were isolated a little while ago."""
         moments = self.recovery.reviews
-        since = self._period * self._elapsed - self._named_at
-        due = (self._reviews >= 0) & (since >= np.array(moments)[self._reviews] - 1e-6)
+        since = self._period * self.state.elapsed - self.state.isolated_at
+        due = (self.state.reviews >= 0) & (since >= np.array(moments)[self.state.reviews] - 1e-6)
         if not due.any() or not isinstance(self.detector, FusionDetector):
             return
-        identified = self.detector.identify(np.where(due, self._reviewed, 0))
+        identified = self.detector.identify(np.where(due, self.state.reviewed, 0))
         for vehicle in np.flatnonzero(due):
-            thruster = int(self._reviewed[vehicle])
+            thruster = int(self.state.reviewed[vehicle])
             kind, size = identified.kind[vehicle], float(identified.severity[vehicle])
-            self._reviews[vehicle] += 1
-            last = self._reviews[vehicle] == len(moments)
-            if self._says_nothing(kind, size):
-                pass
-            elif self._settled[vehicle] == 0 or (last and self._weighs(int(vehicle), thruster, kind, size)):
-                self._allot(int(vehicle), thruster, *self._understood(int(vehicle), thruster, kind, size))
-            if last or self._closed[vehicle].any():
+            self.state.reviews[vehicle] += 1
+            last = self.state.reviews[vehicle] == len(moments)
+            answer = int(vehicle), thruster, kind, size
+            if not self._is_void(kind, size) and (
+                self.state.settled[vehicle] == 0 or (last and self._is_significant(*answer))
+            ):
+                self._reallocate(int(vehicle), thruster, *self._interpret(*answer))
+            if last or self.state.closed[vehicle].any():
                 self._settle(int(vehicle))
 
-    def _says_nothing(self, kind: str, severity: float) -> bool:
+    def _is_void(self, kind: str, severity: float) -> bool:
         """Whether an answer is none, or a thruster so slow that it is more likely one that is stuck."""
         return kind == FUSION_KINDS[0] or (kind == "slow_opening" and severity > self.recovery.slowest)
 
-    def _weighs(self, vehicle: int, thruster: int, kind: str, severity: float) -> bool:
+    def _is_significant(self, vehicle: int, thruster: int, kind: str, severity: float) -> bool:
         """Whether a fault changes enough of what is expected of a thruster to be no false alarm."""
-        now = float(self._expected.delivered(self._commands[0])[vehicle, thruster - 1])
+        now = float(self.state.expected.delivered(self._commands[0])[vehicle, thruster - 1])
         then = {
             "stuck_on": severity,
             "stuck_off": 0.0,
@@ -553,14 +493,14 @@ class ChaserPilot:
 
     def _settle(self, vehicle: int) -> None:
         """Let the detector expect what is believed now; a thruster that is of no use any more is closed."""
-        if self._limited[vehicle]:
+        if self.state.limited[vehicle]:
             self._close(vehicle)
-        self._reviews[vehicle] = -1
-        self._expected.take(self._belief, vehicle)
-        self._settled[vehicle] = self._blamed[vehicle]
-        self._alarm[vehicle] = np.inf
+        self.state.reviews[vehicle] = -1
+        self.state.expected.take(self.state.belief, vehicle)
+        self.state.settled[vehicle] = self.state.isolated[vehicle]
+        self.state.alarm[vehicle] = np.inf
         if not self._spare:
-            self._changed[vehicle] = self._period * self._elapsed[vehicle]
+            self.state.changed[vehicle] = self._period * self.state.elapsed[vehicle]
             if self.detector is not None:
                 self.detector.reset(np.arange(self._vehicles) == vehicle)
         self._expect(vehicle)
@@ -571,75 +511,68 @@ class ChaserPilot:
 
     def _believed(self) -> FloatArray:
         """(vehicles, 6, n) effectiveness: nothing behind valves that are closed."""
-        return self._nominal * ~self._closed[:, np.newaxis, :]
+        return self._nominal * ~self.state.closed[:, np.newaxis, :]
 
-    def _way_back(self, vehicle: int) -> FloatArray:
+    def _retreat_direction(self, vehicle: int) -> FloatArray:
         """(3,) direction, LVLH, of the force that is nearest to one straight back, without torque."""
         one = slice(vehicle, vehicle + 1)
         wrench = np.zeros((1, 6))
         wrench[0, 0] = -0.05 * float(np.abs(self._wrenches[0]).sum())
-        rates = self._allocation(wrench, self._belief.lower[one], self._belief.upper[one])[0]
+        rates = self._allocation(wrench, self.state.belief.lower[one], self.state.belief.upper[one])[0]
         push = self._push @ rates
         return np.asarray(push / max(float(np.linalg.norm(push)), np.finfo(np.float64).tiny))
 
-    def _go_over(self, vehicle: int, reason: str) -> None:
+    def _switch_branch(self, vehicle: int, reason: str) -> None:
         """To branch B, whose thrusters are trusted again."""
         mask = np.arange(self._vehicles) == vehicle
         self.branch[vehicle] = True
-        self._changed[vehicle] = self._period * self._elapsed[vehicle]
-        self._alarm[vehicle] = np.inf
-        self._asked[vehicle] = 0
-        self._trust(mask)
-        self._note(vehicle, "branch B", 0, reason)
-
-    def _trust(self, mask: BoolArray) -> None:
-        self._closed[mask] = False
-        self._fresh[mask] = True
-        self._belief.trust(mask)
-        self._expected.trust(mask)
-        self._blamed[mask] = self._settled[mask] = 0
-        self._reviews[mask], self._limited[mask] = -1, False
-        self._unseen[mask] = 0.0
+        self.state.changed[vehicle] = self._period * self.state.elapsed[vehicle]
+        self.state.alarm[vehicle] = np.inf
+        self.state.questioned[vehicle] = 0
+        self.state.trust(mask)
         if self.detector is not None:
             self.detector.reset(mask)
+        self._note(vehicle, "branch B", 0, reason)
 
-    def _is_aside(self, position: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
+    def _is_off_axis(self, position: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:
         """(vehicles,) whether positions are beyond a share of the corridor's half-width."""
         corridor, ahead = self.recovery, np.maximum(-position[:, 1], 0.0)
-        width = corridor.mouth + corridor.widening * ahead
+        width = corridor.corridor_radius + corridor.corridor_slope * ahead
         return np.asarray(np.hypot(position[:, 0], position[:, 2]) > law.corridor_share * width)
 
-    def _guard(self, rows: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-        """Give the approach up where it cannot end well."""
+    def _guard(self, period: _Period) -> None:
+        """Phase 5: give the approach up where it cannot end well."""
+        rows, position, velocity = period
         law, ahead = self.recovery, -position[:, 1]
-        corridor = self._is_aside(position, law)
+        corridor = self._is_off_axis(position, law)
         missing = (
             (np.hypot(position[:, 0], position[:, 2]) > law.offset)
             | (np.hypot(velocity[:, 0], velocity[:, 2]) > law.lateral_speed)
             | _is_turned(self._reader, rows, law)
         )
-        urgent = (self._reviews < 0) | (ahead < 2.0 * law.commitment)
-        lost = self._limited & urgent & (ahead > law.commitment)
+        urgent = (self.state.reviews < 0) | (ahead < 2.0 * law.commitment)
+        lost = self.state.limited & urgent & (ahead > law.commitment)
         for vehicle in np.flatnonzero(lost & ~self.retreating):
-            if self._reviews[vehicle] >= 0:
+            if self.state.reviews[vehicle] >= 0:
                 self._settle(int(vehicle))
-            self._give_up(int(vehicle), "authority is lost", position[vehicle, 1], velocity[vehicle, 1])
-        ends = (corridor | (missing & (ahead < law.gate))) & ~self._limited
+            self._start_retreat(int(vehicle), "authority is lost", period)
+        ends = (corridor | (missing & (ahead < law.gate))) & ~self.state.limited
         for vehicle in np.flatnonzero(ends & ~self.retreating):
             why = "near the corridor's edge" if corridor[vehicle] else "outside of the tolerances of capture"
             if self._spare and not self.branch[vehicle]:
-                self._due.setdefault(int(vehicle), why)
-            self._give_up(int(vehicle), why, position[vehicle, 1], velocity[vehicle, 1])
+                self.state.due.setdefault(int(vehicle), why)
+            self._start_retreat(int(vehicle), why, period)
 
-    def _give_up(self, vehicle: int, reason: str, along: float, speed: float) -> None:
+    def _start_retreat(self, vehicle: int, reason: str, period: _Period) -> None:
         self.retreating[vehicle] = True
-        self._begin[vehicle] = self._elapsed[vehicle] * self._period, along, speed
+        along, speed = period.position[vehicle, 1], period.velocity[vehicle, 1]
+        self.state.retreat_start[vehicle] = self.state.elapsed[vehicle] * self._period, along, speed
         self._note(vehicle, "retreat", 0, reason)
 
-    def _retreat(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _retreat_reference(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Along-track position, velocity and acceleration (vehicles,) of a retreat since its beginning."""
-        law, (start, along, speed) = self.recovery, self._begin.T
-        since = self._period * self._elapsed - start
+        law, (start, along, speed) = self.recovery, self.state.retreat_start.T
+        since = self._period * self.state.elapsed - start
         turning = np.maximum(speed + law.retreat_speed, 0.0) / law.retreat_acceleration
         braked = np.minimum(since, turning)
         now = speed - law.retreat_acceleration * braked
@@ -649,7 +582,7 @@ class ChaserPilot:
     def _note(
         self, vehicle: int, what: str, thruster: int, reason: str, severity: float = float("nan")
     ) -> None:
-        time = round(self._period * float(self._elapsed[vehicle]), 6)
+        time = round(self._period * float(self.state.elapsed[vehicle]), 6)
         self.log.append(ChaserDecision(vehicle, time, what, thruster, reason, severity))
 
 

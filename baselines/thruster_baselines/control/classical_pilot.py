@@ -1,51 +1,35 @@
 """A pilot that diagnoses its own thrusters: chapters 4 to 6 of Yang 2003 as one object that flies.
 
-At the start of each period it takes in the measurement, forms the rate change of the last period, and asks
-the likelihood ratio test (`GLRDetector`, with the effectiveness filter inside and physically scaled noise)
-whether the thrusters did what they were told. If not, it names one, compares models of how it failed,
-corrects its belief, and from then on plans, maps and predicts with that. Every decision is logged, and an
-entry of the log reads as a line.
+Each period has the same phases, one method each: observe, diagnose (test, isolate, identify, refine),
+navigate, plan, command, excite. The test is `GLRDetector` with a sign gate and physically scaled noise, its
+threshold that of chi-squared at a stated rate of false alarms; a thruster is isolated when it is ahead of all
+others by `lead`, and identified by `ModelComparison`. The others hold against a valve that is stuck open
+(`FaultAllocation`), and what is believed of a thruster is a share with a variance, which later firings
+correct. Every decision is logged. Reasons: docs/derivations/classical_pilot.md.
 
-The threshold follows from the stated rate of false alarms. With physically scaled noise each likelihood ratio
-of a healthy craft is chi-squared with one degree of freedom, and it takes the largest of one for each
-thruster: `chi_squared_threshold` with so many tests. That bounds the rate whatever fires. While nothing does,
-the sign gate halves what can be exceeded, and the rate is at most half of the stated one. An alarm is not
-yet a name: most of them blame nobody clearly, or a fault that no model explains better than none, and are
-cleared.
-
-Beyond the source, because attitude is flown here:
-
-- The test is asked only about what a thruster can have done: lost what it was told to fire, or fired when it
-  was not told to. Thrusters of like force and opposite torque (1 and 10 of Orion) look alike after a short
-  pulse. Nobody is named before one suspect is ahead of all others; until then evidence adds up, and one that
-  is suspected of being stuck open is cleared as soon as it is silent.
-- A thruster that has not fired for long is fired for a moment, together with those that cancel it.
-- A fault begins anywhere in a period, so that the first interval shows only part of it. What is believed of a
-  named thruster is a share of its thrust with a variance, which later firings correct.
-- A valve that is stuck open is not shut off, since Orion has no isolation valves: the others hold against it
-  (`FaultAllocation`), also on a spacecraft that has some.
-- One that is named and turns out to do what it is told is trusted again. One that is believed dead is never
-  fired, so nothing is learned of it any more.
-
-Where sensors or scatter are other than described, `threshold_for_rate` calibrates a threshold from
-`statistics` of healthy flights.
-
-Measurements that are missing, late or out of range are refused and counted; navigation then predicts, and the
-test takes the whole time since the last measurement as one interval. Left out: faults that turn a thrust,
-faults of sensors that stay within their range, several faults that begin in one interval.
+Left out: faults that turn a thrust, faults of sensors that stay within their range, several faults that begin
+in one interval.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thruster_baselines.control.fault_allocation import FaultAllocation, ThrusterBelief
+from thruster_baselines.belief import ActuatorBelief
+from thruster_baselines.control.classical_state import (
+    Decision,
+    DiagnosisSettings,
+    DiagnosisState,
+    Event,
+    OpenInterval,
+    kind_of,
+    settings_for,
+)
+from thruster_baselines.control.fault_allocation import FaultAllocation
 from thruster_baselines.control.navigation import RelativeNavigation
 from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternions import rotation_matrix, turned
@@ -62,146 +46,8 @@ from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["ClassicalPilot", "Decision", "DiagnosisSettings", "settings_for"]
 
-Event = Literal[
-    "suspected",
-    "cleared",
-    "named",
-    "refined",
-    "trusted again",
-    "held against",
-    "tested",
-    "planned",
-    "told",
-    "refused",
-    "started anew",
-]
 
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """One entry of the pilot's log.
-
-    Attributes:
-        time: s since the start of the episode, when it was decided.
-        what: `suspected` (something is wrong, it is not sure who), `cleared` (the suspicion is dropped),
-            `named`, `refined` (the level is another), `trusted again`, `held against` (its valve cannot be
-            shut, and from now on the others cancel it), `tested` (fired for a moment, to hear of it),
-            `planned` (the rest of the flight), `told` (by somebody who knows), `refused` (a measurement), or
-            `started anew` (navigation, from a measurement that it did not expect at all).
-        thruster: Its number, from 1; 0 where none is meant.
-        kind: `stuck_off`, `loss`, `stuck_on` or `healthy`; for `refused` and `planned`, why.
-        level: Believed share of its thrust, delivered while it is open; no number where nothing is believed.
-        statistic: Of the likelihood ratio test; no number where it was not asked.
-
-    >>> print(Decision(30.0, "named", 6, "loss", 0.47, 85.31))
-        30.0 s  named: thruster 6, loss, 47 % of its thrust, likelihood ratio 85.3
-    >>> print(Decision(150.0, "planned", 0, "due", math.nan, math.nan))
-       150.0 s  planned: due
-    """
-
-    time: float
-    what: Event
-    thruster: int
-    kind: str
-    level: float
-    statistic: float
-
-    def __str__(self) -> str:
-        """A line to read."""
-        parts = (
-            f"thruster {self.thruster}" if self.thruster else "",
-            self.kind,
-            "" if math.isnan(self.level) else f"{100.0 * self.level:.0f} % of its thrust",
-            "" if math.isnan(self.statistic) else f"likelihood ratio {self.statistic:.1f}",
-        )
-        said = ", ".join(part for part in parts if part)
-        return f"{self.time:8.1f} s  {self.what}{': ' if said else ''}{said}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiagnosisSettings:
-    """How the pilot diagnoses; the defaults were tuned on healthy and faulty validation flights of Orion.
-
-    Attributes:
-        false_alarm_rate: Of a healthy craft, at most so many alarms per interval.
-        threshold: Of the likelihood ratio, instead of the one that follows from that rate.
-        lead: By how much the ratio of one suspect has to exceed that of the next for it to be named; 12 is
-            e^6 = 400 to one in likelihood.
-        first_deviation: Standard deviation of the level seen in the interval in which a fault is first named,
-            since it may have begun within.
-        open_deviation: The same for a valve that is stuck open, which is taken as open all the way.
-        dead_level: Shares below this are taken as none.
-        healthy_level: Shares above this are taken as one.
-        dead_deviation: A thruster is given up as dead only if its share is known as well as this.
-        refining: The belief is changed if the share has moved by so much.
-        initial_deviation: Of what each thruster does at the start, as a share of the strongest on each axis.
-        drift: How much of that share is added per interval, as a standard deviation.
-        pointing: Error of the attitude in which a thrust acted, rad, and its growth per rad turned meanwhile.
-        longest_gap: Periods without a measurement that may be taken as one interval.
-        probe_interval: A thruster that did not fire for as long as this is fired for a test, s.
-        probe_pulse: Length of that, s; 0 for no tests.
-
-    Raises:
-        ValueError: A value that cannot be.
-    """
-
-    false_alarm_rate: float = 1e-4
-    threshold: float | None = None
-    lead: float = 12.0
-    first_deviation: float = 0.25
-    open_deviation: float = 0.03
-    dead_level: float = 0.1
-    healthy_level: float = 0.93
-    dead_deviation: float = 0.15
-    refining: float = 0.03
-    initial_deviation: float = 0.01
-    drift: float = 1e-4
-    pointing: tuple[float, float] = (0.02, 0.2)
-    longest_gap: int = 3
-    probe_interval: float = 800.0
-    probe_pulse: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_rate < 1.0:
-            raise ValueError(
-                f"false_alarm_rate is {self.false_alarm_rate}; a rate above 0 and below 1 would be right"
-            )
-        for name in ("lead", "first_deviation", "open_deviation", "dead_deviation", "refining",
-                     "initial_deviation", "drift", "probe_interval", "probe_pulse"):  # fmt: skip
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value}; a finite number of 0 or more would be right")
-        if not 0.0 <= self.dead_level < self.healthy_level <= 1.0:
-            raise ValueError(
-                f"dead_level is {self.dead_level} and healthy_level {self.healthy_level}; shares from 0 to "
-                "1, the first below the second, would be right"
-            )
-        if not all(0.0 <= value < math.inf for value in self.pointing):
-            raise ValueError(f"pointing is {self.pointing}; two finite numbers of 0 or more would be right")
-        if self.longest_gap < 1:
-            raise ValueError(f"longest_gap is {self.longest_gap}; one or more would be right")
-
-
-def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:
-    """The controller's settings, whose periods are those of 5 s, for the spacecraft's own period."""
-    usual = RendezvousSettings()
-    scale = _USUAL_PERIOD / spacecraft.control_period
-
-    def periods(count: int) -> int:
-        return max(1, round(count * scale))
-
-    return RendezvousSettings(
-        detailed_steps=min(periods(usual.detailed_steps), _MOST_DETAILED),
-        group=periods(usual.group),
-        replan_coasting=periods(usual.replan_coasting),
-        replan_burning=periods(usual.replan_burning),
-        settling=periods(usual.settling),
-        quiet=periods(usual.quiet),
-    )
-
-
-_USUAL_PERIOD = 5.0  # s, for which the controller's settings were tuned
-_MOST_DETAILED = 60  # periods planned one by one, to keep plans of short periods small
+_USUAL = DiagnosisSettings()
 
 
 class ClassicalPilot:
@@ -248,7 +94,7 @@ class ClassicalPilot:
         steps: int,
         *,
         settings: RendezvousSettings | None = None,
-        diagnosis: DiagnosisSettings | None = DiagnosisSettings(),
+        diagnosis: DiagnosisSettings | None = _USUAL,
         compensation: type[ExactCompensationMapper]
         | type[AdditiveCompensationMapper] = ExactCompensationMapper,
     ) -> None:
@@ -285,21 +131,13 @@ class ClassicalPilot:
         n = self.spacecraft.number_of_thrusters
         self.controller.reset()
         self.detector.reset()
-        self.belief = ThrusterBelief.healthy(n)
+        self.belief = ActuatorBelief.healthy(n)
         self.log = []
         self.statistics: list[float] = []
         self.refused = 0
-        self._variance = np.zeros(n)
-        self._named = np.zeros(n, np.bool_)
-        self._evidence = np.zeros((2, n))  # of a loss, and of thrust without command
-        self._suspicious: tuple[Interval, Diagnosis] | None = None  # the last interval that was
-        self._suspect = 0  # whom the log last said to be suspected, from 1
-        self._heard = np.zeros(n)  # step in which each thruster last fired long enough to be judged
+        self._state = DiagnosisState.of(n)
+        self._interval = OpenInterval.after(None, n)
         self._on_times = np.zeros(n)
-        self._before: Measured | None = None
-        self._gap = 0  # periods since that measurement
-        self._fired = np.zeros(n)  # since then, s, loss taken off
-        self._longest = 0.0  # of these, s
 
     @property
     def navigation(self) -> RelativeNavigation:
@@ -313,44 +151,58 @@ class ClassicalPilot:
 
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Action (n,), -1 to 1, for an observation of one environment."""
+        measured = self._observe(observation)
+        acting = self._diagnose(measured)
+        self._navigate(measured, acting)
+        self._command(self._plan())
+        if self._diagnosis is not None:
+            self._excite(self._diagnosis)
+        duties = self._on_times / self.spacecraft.control_period
+        return (2.0 * duties - 1.0).astype(np.float32)
+
+    def _observe(self, observation: ArrayLike) -> Measured | None:
+        """Phase 1: the measurement, if it can be used; the first observation of an episode restarts."""
         if self._reader.begins(observation):
             self.reset()
         measured = self._reader.read(observation)
         if measured is None:
             self.refused += 1
             self._note("refused", kind=self._reader.fault)
-        begins = self._reader.step == 0
-        if not begins:
-            self._remember_firing()
+        return measured
+
+    def _diagnose(self, measured: Measured | None) -> FloatArray:
+        """Phase 2: test the interval that has ended; on-times (n,) that are believed to have acted in it."""
         acting = self.allocation.acting(self._on_times, self.belief)
-        if measured is not None and not begins and self._diagnosis is not None:
-            acting = self._watch(measured, self._diagnosis, acting)
+        if self._reader.step == 0:
+            return acting
+        self._interval.add(self.allocation.delivered(self._on_times, self.belief), acting)
+        if measured is None or self._diagnosis is None:
+            return acting
+        return self._test(measured, self._diagnosis, acting)
+
+    def _navigate(self, measured: Measured | None, acting: FloatArray) -> None:
+        """Phase 3: bring the believed motion up to date."""
         if measured is None:
             self.navigation.predict(acting)
-        else:
-            surprises = self.navigation.surprises
-            self.navigation.update(
-                acting, measured.position, measured.velocity, measured.attitude, measured.rate
-            )
-            if self.navigation.surprises > surprises:
-                self._note("started anew")
-            self._before, self._gap = measured, 0
-            self._fired, self._longest = np.zeros_like(self._fired), 0.0
-        command = self._plan()
+            return
+        surprises = self.navigation.surprises
+        self.navigation.update(acting, measured.position, measured.velocity, measured.attitude, measured.rate)
+        if self.navigation.surprises > surprises:
+            self._note("started anew")
+        self._interval = OpenInterval.after(measured, acting.size)
+
+    def _command(self, command: FloatArray) -> None:
+        """Phase 5: on-times for a rate change (6,), m/s then rad/s."""
         self._on_times = self.allocation(command, self.belief)
         uneven = bool((self.belief.share < 1.0).any()) and bool(command[:3].any())
         if uneven or self.belief.stuck_on.any():
             self._steady(command)
-        if self._diagnosis is not None:
-            self._probe(self._diagnosis)
-        duties = self._on_times / self.spacecraft.control_period
-        return (2.0 * duties - 1.0).astype(np.float32)
 
-    def tell(self, belief: ThrusterBelief) -> None:
+    def tell(self, belief: ActuatorBelief) -> None:
         """Take over what somebody else knows of the thrusters, from the next observation on."""
         before = self.belief
         for i in np.flatnonzero((belief.share != before.share) | (belief.stuck_on != before.stuck_on)):
-            kind = _kind(float(belief.share[i]), bool(belief.stuck_on[i]))
+            kind = kind_of(float(belief.share[i]), bool(belief.stuck_on[i]))
             self._note("told", int(i) + 1, kind, float(belief.share[i]))
         self._believe(belief)
 
@@ -366,7 +218,7 @@ class ClassicalPilot:
         self.log.append(Decision(self.time, what, thruster, kind, level, statistic))
 
     def _plan(self) -> FloatArray:
-        """The rate change (6,) to ask for in the coming period, m/s then rad/s, after a new plan if due."""
+        """Phase 4: the rate change (6,) of the coming period, m/s then rad/s, after a new plan if due."""
         plans, known = self.controller.plans, self.controller.plan is not None
         command = self.controller.decide(self.time)
         if self.controller.plans > plans:
@@ -402,7 +254,7 @@ class ClassicalPilot:
             wanted[3:] = np.where(outside | stuck.any(), back - rate, command[3:])
             self._on_times = self.allocation(wanted, self.belief)
 
-    def _believe(self, belief: ThrusterBelief) -> None:
+    def _believe(self, belief: ActuatorBelief) -> None:
         """From now on plan, map, predict and expect with this."""
         for i in np.flatnonzero(belief.stuck_on & ~self.belief.stuck_on):
             self._note("held against", int(i) + 1, "stuck_on", float(belief.share[i]))
@@ -412,33 +264,29 @@ class ClassicalPilot:
         # A stuck thruster's plan counts on three others to hold against it, as the nominal geometry needs.
         together = np.zeros(n)
         together[: min(n, _HOLDING)] = self.spacecraft.control_period
-        lasting = float(self.allocation.delivered(together, ThrusterBelief.healthy(n)).max())
+        lasting = float(self.allocation.delivered(together, ActuatorBelief.healthy(n)).max())
         self.controller.believe(effectiveness, np.where(belief.stuck_on, lasting, 0.0))
         self.detector.believe(effectiveness)
 
-    def _remember_firing(self) -> None:
-        """Add what was commanded in the period that has just ended to the interval under test."""
-        acting = self.allocation.acting(self._on_times, self.belief)
-        self._fired = self._fired + self.allocation.delivered(self._on_times, self.belief)
-        self._longest = max(self._longest, float(acting.max()))
-        self._gap += 1
-
-    def _watch(self, measured: Measured, how: DiagnosisSettings, acting: FloatArray) -> FloatArray:
+    def _test(self, measured: Measured, how: DiagnosisSettings, acting: FloatArray) -> FloatArray:
         """Test the interval; returns the on-times (n,) that are believed to have acted in its last period."""
-        if self._before is None or self._gap > how.longest_gap:
+        since = self._interval
+        if since.before is None or since.periods > how.longest_gap:
             return acting
-        duration = self._gap * self.spacecraft.control_period
-        change, turn = self._rate_change(self._before, measured, duration)
-        push = float(np.linalg.norm(self.allocation.nominal[:3], axis=0) @ self._fired)  # m/s, all directions
+        duration = since.periods * self.spacecraft.control_period
+        change, turn = self._rate_change(since.before, measured, duration)
+        push = float(
+            np.linalg.norm(self.allocation.nominal[:3], axis=0) @ self._interval.fired
+        )  # m/s, all directions
         self._noise.sensors = self._sensor_noise.copy()
         self._noise.sensors[:3] += np.square(push * (how.pointing[0] + how.pointing[1] * turn))
-        diagnosis = self.detector.update(self._fired, change, duration)
+        diagnosis = self.detector.update(self._interval.fired, change, duration)
         self.statistics.append(float(diagnosis.statistic[0]))
         if diagnosis.detected[0] and self.detector.last is not None:
             # What a faulty thruster did must not teach the filter anything about those that fired with it.
             self.detector.filter.effectiveness[:] = self.detector.last.effectiveness
-        self._heard[self._fired >= _JUDGED * how.probe_pulse] = self._reader.step
-        named = self._name(diagnosis, how)
+        self._state.heard[self._interval.fired >= _JUDGED * how.probe_pulse] = self._reader.step
+        named = self._isolate(diagnosis, how)
         if named > 0:
             acting = acting.copy()
             acting[named - 1] = self._identify(named, how, acting[named - 1])
@@ -457,7 +305,7 @@ class ClassicalPilot:
         free = -np.linalg.solve(inertia, np.cross(mean_rate, inertia @ mean_rate))
         rotation = now.rate - before.rate - duration * free
         orbit_rate = rotation_matrix(before.attitude) @ [0.0, 0.0, spacecraft.mean_motion]
-        longest = self._longest if self._gap == 1 else duration
+        longest = self._interval.longest if self._interval.periods == 1 else duration
         turn = (before.rate - orbit_rate) * (longest / 2.0) + rotation * (longest / 6.0)
         attitude = turned(self._attitude_before(before), turn)
         drift = transition_matrix(spacecraft.mean_motion, duration)
@@ -467,9 +315,9 @@ class ClassicalPilot:
 
     def _attitude_before(self, before: Measured) -> FloatArray:
         """At the start of the interval: the filtered one, or the measured one if navigation has moved on."""
-        return self.navigation.attitude if self._gap == 1 else before.attitude
+        return self.navigation.attitude if self._interval.periods == 1 else before.attitude
 
-    def _name(self, diagnosis: Diagnosis, how: DiagnosisSettings) -> int:
+    def _isolate(self, diagnosis: Diagnosis, how: DiagnosisSettings) -> int:
         """The thruster, from 1, that is ahead of all others if something is wrong; 0 otherwise.
 
         Evidence for thrust without command is void as soon as an interval passes without any: a valve that
@@ -478,22 +326,22 @@ class ClassicalPilot:
         statistic, interval = float(diagnosis.statistic[0]), self.detector.last
         assert interval is not None
         if diagnosis.detected[0]:
-            self._evidence = self._evidence + self._possible(diagnosis, interval)
-            self._suspicious = (interval, diagnosis)
-        elif self._suspicious is None or not interval.valid[0]:
+            self._state.evidence = self._state.evidence + self._possible(diagnosis, interval)
+            self._state.suspicious = (interval, diagnosis)
+        elif self._state.suspicious is None or not interval.valid[0]:
             return 0
         else:
-            self._evidence[1] = 0.0
-        best = self._evidence.max(axis=0)
+            self._state.evidence[1] = 0.0
+        best = self._state.evidence.max(axis=0)
         first, second = np.argsort(best)[[-1, -2]]
         if best[first] > self.detector.threshold and best[first] - best[second] >= how.lead:
             return int(first) + 1
         if diagnosis.detected[0]:
-            self._suspect = int(first) + 1
-            self._note("suspected", self._suspect, statistic=statistic)
+            self._state.suspect = int(first) + 1
+            self._note("suspected", self._state.suspect, statistic=statistic)
         else:
-            self._evidence, self._suspicious = np.zeros_like(self._evidence), None
-            self._note("cleared", self._suspect, statistic=statistic)
+            self._state.clear()
+            self._note("cleared", self._state.suspect, statistic=statistic)
         return 0
 
     def _possible(self, diagnosis: Diagnosis, interval: Interval) -> FloatArray:
@@ -510,9 +358,9 @@ class ClassicalPilot:
 
     def _identify(self, thruster: int, how: DiagnosisSettings, acted: float) -> float:
         """Correct the belief about a named thruster; returns for how long it acted in the last period, s."""
-        assert self._suspicious is not None
-        interval, diagnosis = self._suspicious
-        self._evidence, self._suspicious = np.zeros_like(self._evidence), None
+        assert self._state.suspicious is not None
+        interval, diagnosis = self._state.suspicious
+        self._state.clear()
         i = thruster - 1
         statistic, short = float(diagnosis.statistic[0]), float(diagnosis.shortfall[0, i])
         stuck = bool(self.belief.stuck_on[i])
@@ -520,20 +368,20 @@ class ClassicalPilot:
         if kind == "none":
             self._note("cleared", thruster, statistic=statistic)
             return acted
-        self._named[i] = True
+        self._state.isolated[i] = True
         if kind in ("stuck_on", "leak") and not stuck:  # how far open, later intervals will tell
-            self._variance[i] = how.open_deviation**2
+            self._state.variance[i] = how.open_deviation**2
             self._change(thruster, "named", 1.0, True, statistic)
             return min(acted - short, self.spacecraft.control_period)
         share, variance = self._observed_share(i, interval)
         share = min(max(share, 0.0), 1.0)
         if stuck and share < how.dead_level:  # it was not
-            self._named[i] = False
+            self._state.isolated[i] = False
             self._change(thruster, "trusted again", 1.0, False, statistic)
             return max(acted - short, 0.0)
         sure = stuck or share < how.dead_level
-        self._variance[i] = variance if sure else max(variance, how.first_deviation**2)
-        if math.sqrt(self._variance[i]) > how.dead_deviation:
+        self._state.variance[i] = variance if sure else max(variance, how.first_deviation**2)
+        if math.sqrt(self._state.variance[i]) > how.dead_deviation:
             share = max(share, 2.0 * how.dead_level)
         self._change(thruster, "named", self._rounded(share, how), stuck, statistic)
         return acted
@@ -548,23 +396,23 @@ class ClassicalPilot:
         fired = float(interval.on_times[0, i])
         return believed * (1.0 + more / fired), (believed / fired) ** 2 / size
 
-    def _probe(self, how: DiagnosisSettings) -> None:
-        """While all is quiet, fire the thruster that was not heard of for longest, and what cancels it.
+    def _excite(self, how: DiagnosisSettings) -> None:
+        """Phase 6: while nothing else fires, an excitation test of the thruster that was silent for longest.
 
-        Nobody moves by that, and whoever fails to fire shows. Without it, a fault of a thruster that is
-        needed for the last burn only is found when it is too late.
+        Others cancel it, so that nobody moves by that, and whoever fails to fire shows. Without it, a fault
+        of a thruster that is needed for the last burn only is found when it is too late.
         """
         step, period = self._reader.step, self.spacecraft.control_period
         settling = self.steps - step <= self.controller.settings.settling
         if how.probe_pulse == 0.0 or settling or self._on_times.any() or self.belief.stuck_on.any():
             return
-        if self._suspicious is not None:
+        if self._state.suspicious is not None:
             return
-        silence = np.where(self.belief.share > 0.0, (step - self._heard) * period, 0.0)
+        silence = np.where(self.belief.share > 0.0, (step - self._state.heard) * period, 0.0)
         i = int(silence.argmax())
         if silence[i] < how.probe_interval:
             return
-        self._heard[i] = step  # even if the others cannot cancel it
+        self._state.heard[i] = step  # even if the others cannot cancel it
         others = self.allocation.effectiveness(self.belief)
         push = others[:, i] * how.probe_pulse
         others[:, i] = 0.0
@@ -580,23 +428,27 @@ class ClassicalPilot:
         assert interval is not None
         if not interval.valid[0]:
             return
-        for i in np.flatnonzero(self._named):
+        for i in np.flatnonzero(self._state.isolated):
             alive = self.belief.share[i] > 0.0
-            if i + 1 == skip or not alive or self._fired[i] < _LEAST_FIRING * self.spacecraft.control_period:
+            if (
+                i + 1 == skip
+                or not alive
+                or self._interval.fired[i] < _LEAST_FIRING * self.spacecraft.control_period
+            ):
                 continue
             seen, variance = self._observed_share(int(i), interval)
-            known = self._variance[i] + how.drift**2
+            known = self._state.variance[i] + how.drift**2
             gain = known / (known + variance)
             share = float(self.belief.share[i]) + gain * (seen - float(self.belief.share[i]))
             share = min(max(share, 0.0), 1.0)
-            self._variance[i] = (1.0 - gain) * known
-            sure = math.sqrt(self._variance[i]) <= how.dead_deviation
+            self._state.variance[i] = (1.0 - gain) * known
+            sure = math.sqrt(self._state.variance[i]) <= how.dead_deviation
             share = self._rounded(share, how) if sure else max(share, 2.0 * how.dead_level)
             if abs(share - self.belief.share[i]) < how.refining:
                 continue
             stuck = bool(self.belief.stuck_on[i])
             if (stuck and share == 0.0) or (not stuck and share == 1.0):
-                self._named[i] = False
+                self._state.isolated[i] = False
                 self._change(int(i) + 1, "trusted again", 1.0, False, math.nan)
             else:
                 self._change(int(i) + 1, "refined", share, stuck, math.nan)
@@ -605,7 +457,7 @@ class ClassicalPilot:
         return 0.0 if share < how.dead_level else 1.0 if share > how.healthy_level else share
 
     def _change(self, thruster: int, what: Event, share: float, stuck_on: bool, statistic: float) -> None:
-        self._note(what, thruster, _kind(share, stuck_on), share, statistic)
+        self._note(what, thruster, kind_of(share, stuck_on), share, statistic)
         self._believe(self.belief.changed(thruster, share=share, stuck_on=stuck_on))
 
 
@@ -615,9 +467,3 @@ _LAST_RETURN = 8.0  # s: in which an angle is taken back while settling
 _JUDGED = 0.5  # of a probe's length, loss taken off: a firing as long as that says as much
 _ROUND_OFF = 1e-9  # m/s, rad/s
 _LEAST_FIRING = 0.1  # of a period: shorter firings say too little of a share
-
-
-def _kind(share: float, stuck_on: bool) -> str:
-    if stuck_on:
-        return "stuck_on"
-    return "stuck_off" if share == 0.0 else "healthy" if share == 1.0 else "loss"

@@ -1,12 +1,11 @@
 """On-times for thrusters of which some are weak, dead, or fire whatever they are told.
 
-What is believed of the thrusters is one share and one flag for each (`ThrusterBelief`). A weak one simply has
-less effectiveness, a dead one none. A valve that is stuck open is not closed, since Orion has no second valve
-before each thruster: its thrust a_i e_i is there in every period, and the others have to solve
-A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section 5.3.1, which assumes that it can be
-shut off). It also takes its part of the feed, so that every other thruster is one of at least two, and how
-much it delivers itself depends on how long the others are open: a fixed point, found in a few linear
-programs.
+Of a belief (`thruster_baselines.belief`), the shares and what is stuck on count. A valve that is stuck open
+is not closed, since Orion has no second valve before each thruster: its thrust a_i e_i is there in every
+period, and the others have to solve A U = T - a_i e_i for a commanded rate change T (after Yang 2003, section
+5.3.1, which assumes that it can be shut off). It also takes its part of the feed, so that every other
+thruster is one of at least two, and how much it delivers itself depends on how long the others are open: a
+fixed point, found in a few linear programs.
 
 Left out: closing `Spacecraft.isolation_valves` where there are some; whoever does, as the action of
 `MarsRendezvous-v0` with `inhibit=True` can, believes that thruster dead (share 0, not stuck on) from then on.
@@ -15,11 +14,10 @@ A valve stuck half open loads the feed here as a fully open one does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.mapping import (
     AdditiveCompensationMapper,
     ExactCompensationMapper,
@@ -27,7 +25,7 @@ from thruster_baselines.mapping import (
     delivered_on_times,
 )
 from thruster_envs.configuration import require
-from thruster_envs.protocols import BoolArray, FloatArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FaultAllocation", "ThrusterBelief"]
@@ -38,28 +36,17 @@ _HOLDING = 3  # open for a whole period, at a first guess
 _RELAXATION = 0.7  # the longer a stuck thruster delivers, the longer the others fire, and the less it does
 
 
-@dataclass(frozen=True, slots=True)
-class ThrusterBelief:
-    """What is believed of each thruster.
+class ThrusterBelief(ActuatorBelief):
+    """The name of before of `thruster_baselines.belief.ActuatorBelief`; to go after one version."""
 
-    Attributes:
-        share: (n,), what it gives of its nominal thrust while its valve is open; 0 for a dead one.
-        stuck_on: (n,), whether its valve stays open whatever it is told.
-    """
-
-    share: FloatArray
-    stuck_on: BoolArray
+    def __new__(cls, share: ArrayLike, stuck_on: ArrayLike) -> ActuatorBelief:  # type: ignore[misc]
+        """See `ActuatorBelief.of_shares`."""
+        return ActuatorBelief.of_shares(share, stuck_on)
 
     @classmethod
-    def healthy(cls, thrusters: int) -> ThrusterBelief:
-        """Full thrust from each of so many."""
-        return cls(np.ones(thrusters), np.zeros(thrusters, np.bool_))
-
-    def changed(self, thruster: int, *, share: float, stuck_on: bool) -> ThrusterBelief:
-        """The same with another belief about one thruster, numbered from 1."""
-        shares, stuck = self.share.copy(), self.stuck_on.copy()
-        shares[thruster - 1], stuck[thruster - 1] = share, stuck_on
-        return ThrusterBelief(shares, stuck)
+    def healthy(cls, *shape: int) -> ActuatorBelief:
+        """See `ActuatorBelief.healthy`."""
+        return ActuatorBelief.healthy(*shape)
 
 
 class FaultAllocation:
@@ -77,7 +64,7 @@ class FaultAllocation:
         ValueError: A compensation that is neither of the two classes.
 
     >>> allocation = FaultAllocation("orion")
-    >>> stuck = ThrusterBelief.healthy(12).changed(1, share=1.0, stuck_on=True)
+    >>> stuck = ActuatorBelief.healthy(12).changed(1, share=1.0, stuck_on=True)
     >>> on_times = allocation(np.zeros(6), stuck)  # nothing is wanted, so the others hold against it
     >>> bool(abs(allocation.rate_change(on_times, stuck)).max() < 1e-5)
     True
@@ -108,24 +95,24 @@ class FaultAllocation:
         self._fuel_cost = plain.fuel_cost
         self._mappers: dict[int, ExactCompensationMapper | AdditiveCompensationMapper] = {}
 
-    def effectiveness(self, belief: ThrusterBelief) -> FloatArray:
+    def effectiveness(self, belief: ActuatorBelief) -> FloatArray:
         """(m, n), m/s^2 then rad/s^2: of an open valve, as believed."""
-        return self.nominal * belief.share
+        return belief.effectiveness(self.nominal)
 
-    def acting(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+    def acting(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """(n,), s: for how long valves are open that were commanded to be open for `on_times` (n,)."""
         return np.where(belief.stuck_on, self.spacecraft.control_period, np.asarray(on_times, np.float64))
 
-    def delivered(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+    def delivered(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """(n,), s: firing alone that would give the same as `on_times` (n,) give in company."""
         return delivered_on_times(self.acting(on_times, belief), self.spacecraft.feed.coupling)
 
-    def rate_change(self, on_times: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+    def rate_change(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """(m,), m/s then rad/s: what commanded on-times (n,) are expected to give."""
         change: FloatArray = self.effectiveness(belief) @ self.delivered(on_times, belief)
         return change
 
-    def __call__(self, command: ArrayLike, belief: ThrusterBelief) -> FloatArray:
+    def __call__(self, command: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """On-times (n,), s, to command for a rate change (m,), m/s then rad/s; none to who is stuck on."""
         wanted, stuck = np.asarray(command, dtype=np.float64), belief.stuck_on
         effectiveness = self.effectiveness(belief)

@@ -1,8 +1,6 @@
 """Open rates for wrenches from thrusters of which some deliver more, or less, than they are told.
 
-What a valve that is wrong delivers is taken as a function of its command u that needs no time, floor + slope
-(u - lost): stuck at c it is c, leaking c + (1 - c) u, a weak thruster gives a share of u, a late one loses
-the beginning of each pulse, a closed one gives nothing (`ValveBelief`). So each thruster delivers something
+By what is believed of it (`thruster_baselines.belief.ActuatorBelief`), each thruster delivers something
 between two bounds, and to allocate a wrench w is to find rates v between them with W v = w
 (`ValveAllocation`):
 
@@ -21,147 +19,27 @@ Left out: the shared feed, the shortest pulse, thrusters that are slow, and the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_envs.configuration import require
 from thruster_envs.extras import extra
-from thruster_envs.physics.health import effect_of
-from thruster_envs.protocols import BoolArray, FloatArray
+from thruster_envs.protocols import FloatArray
 
 __all__ = ["ValveAllocation", "ValveBelief", "authority_left"]
 
-_BELIEVED = ("stuck_on", "stuck_off", "leak", "loss", "late_opening", "slow_opening")
+ValveBelief = ActuatorBelief
+"""The name of before; to go after one version."""
+
 _ROUND_OFF = 1e-9  # open rates over a bound by less than this are within it
 _OPTIMAL = 1  # DAQP's exit flag
 _IDLE_WEIGHT = 1e-9  # of the square of an open rate's distance from its preference, beside that of a miss
 _TORQUE_WEIGHT = 1e4  # of the square of a missed torque, beside that of a missed force
 _DEGENERATE = 1e-9  # singular values below this share of the largest are none
-
-
-@dataclass(frozen=True, slots=True)
-class ValveBelief:
-    """What is believed of the valves of a batch: what they deliver when they are told an open rate.
-
-    Attributes:
-        floor: (vehicles, n), what comes whatever is told, as an open rate of a sound thruster.
-        slope: (vehicles, n), what comes more for each unit that is told.
-        lost: (vehicles, n), open rate that a late thruster loses of each pulse.
-        hold: (vehicles, n), what a thruster that does not follow is told all the same; no number for others.
-    """
-
-    floor: FloatArray
-    slope: FloatArray
-    lost: FloatArray
-    hold: FloatArray
-
-    @classmethod
-    def sound(cls, vehicles: int, thrusters: int) -> ValveBelief:
-        """So many vehicles on which all is well."""
-        shape = vehicles, thrusters
-        return cls(np.zeros(shape), np.ones(shape), np.zeros(shape), np.full(shape, np.nan))
-
-    @property
-    def lower(self) -> FloatArray:
-        """(vehicles, n), the least that a thruster delivers."""
-        return self.floor
-
-    @property
-    def upper(self) -> FloatArray:
-        """(vehicles, n), the most."""
-        return self.floor + self.slope * (1.0 - self.lost)
-
-    def trust(self, mask: BoolArray | int) -> None:
-        """All is well on the vehicles of a mask (vehicles,) or of an index."""
-        self.floor[mask], self.slope[mask] = 0.0, 1.0
-        self.lost[mask], self.hold[mask] = 0.0, np.nan
-
-    def take(self, other: ValveBelief, vehicle: int) -> None:
-        """Believe of a vehicle what another one does."""
-        for mine, theirs in zip(
-            (self.floor, self.slope, self.lost, self.hold),
-            (other.floor, other.slope, other.lost, other.hold),
-            strict=True,
-        ):
-            mine[vehicle] = theirs[vehicle]
-
-    def blame(
-        self, vehicle: int, thruster: int, kind: str, severity: float, *, period: float, idle: float = 0.1
-    ) -> None:
-        """Believe in one fault of a vehicle, and that all else on it is well.
-
-        A thruster that does not follow goes on being told what it was told before, first the idle rate: if it
-        follows after all, what comes is still a constant.
-
-        Args:
-            vehicle: Its index.
-            thruster: Its number, from 1.
-            kind: As in `thruster_envs.faults`; a slow thruster delivers all that it is told.
-            severity: Of that kind.
-            period: s, of control: an opening that is as late loses the pulse.
-            idle: Open rate.
-
-        Raises:
-            ValueError: A kind that is none of these.
-
-        >>> belief = ValveBelief.sound(1, 2)
-        >>> belief.blame(0, 2, "leak", 0.3, period=0.1)
-        >>> belief.delivered([[0.1, 0.1]])
-        array([[0.1 , 0.37]])
-        """
-        at = vehicle, thruster - 1
-        held = float(self.hold[at])
-        self.trust(vehicle)
-        if kind not in _BELIEVED:
-            raise ValueError(
-                f"kind is {kind!r}; stuck_on, stuck_off, leak, loss, late_opening or slow_opening would be "
-                "right"
-            )
-        effect = effect_of(kind, 1.0 if kind == "stuck_off" else severity)
-        self.floor[at], self.slope[at] = effect.floor, effect.slope * effect.gain
-        self.lost[at] = min(effect.delay / period, 1.0)
-        if self.slope[at] == 0.0 and kind in ("stuck_on", "stuck_off"):
-            self.hold[at] = held if held > 0.0 else idle
-
-    def together(self, vehicle: int, thruster: int, kind: str, severity: float) -> tuple[str, float]:
-        """Kind and severity of a fault and what is believed of a thruster, from 1, already.
-
-        >>> belief = ValveBelief.sound(1, 2)
-        >>> belief.blame(0, 2, "loss", 0.5, period=0.1)
-        >>> belief.together(0, 2, "loss", 0.5)
-        ('loss', 0.75)
-        """
-        at = vehicle, thruster - 1
-        if self.hold[at] > 0.0:  # it is told one and the same, and whatever comes is a constant
-            now = float(self.floor[at])
-            if kind not in _BELIEVED:
-                return "stuck_on", now
-            effect = effect_of(kind, 1.0 if kind == "stuck_off" else severity, (now, 0.0, 1.0))
-            return "stuck_on", effect.gain * effect.floor
-        if kind == "leak" or (kind == "loss" and self.floor[at] == 0.0):
-            return kind, 1.0 - float(self.slope[at]) * (1.0 - severity)
-        return kind, severity
-
-    def close(self, vehicle: int, thruster: int) -> None:
-        """The isolation valve of a thruster, from 1, is closed: it delivers nothing and is told nothing."""
-        at = vehicle, thruster - 1
-        self.floor[at] = self.slope[at] = self.lost[at] = self.hold[at] = 0.0
-
-    def commands(self, delivered: FloatArray) -> FloatArray:
-        """(vehicles, n) open rates to tell for those to be delivered."""
-        over = delivered - self.floor
-        told = np.divide(over, self.slope, out=np.zeros_like(over), where=self.slope > 0.0)
-        told = np.where(over > _ROUND_OFF, told + self.lost, 0.0)
-        return np.asarray(np.clip(np.where(np.isnan(self.hold), told, self.hold), 0.0, 1.0))
-
-    def delivered(self, commands: ArrayLike) -> FloatArray:
-        """(vehicles, n) open rates of sound thrusters that commands (vehicles, n) come to."""
-        told = np.asarray(commands, np.float64)
-        return np.asarray(self.floor + self.slope * np.maximum(told - self.lost, 0.0))
 
 
 def authority_left(wrenches: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
@@ -211,7 +89,7 @@ class ValveAllocation:
 
     >>> from thruster_envs.spacecraft import load
     >>> chaser = load("msr_chaser")
-    >>> belief = ValveBelief.sound(1, 8)
+    >>> belief = ActuatorBelief.healthy(1, 8)
     >>> belief.blame(0, 3, "stuck_on", 0.4, period=chaser.control_period)
     >>> wrench = [[3.0, 0.0, 0.0, 0.5, 0.0, 0.0]]
     >>> rates = ValveAllocation(chaser.wrenches())(wrench, belief.lower, belief.upper)

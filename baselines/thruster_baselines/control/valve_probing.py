@@ -1,19 +1,12 @@
-"""Valves opened together for a moment, to see what each of them does, at no more than a little propellant.
+"""Excitation tests of valves: groups opened together for a moment, to see what each thruster does.
 
-Some thrusters push and turn nowhere together: those of a chaser with one at each corner of a box come in two
-such groups of four, and a thruster is never in that of its opposite corner, which turns the chaser the same
-way (`balanced_groups`). So a pulse of a group leaves a sound vehicle alone, and what it does to one with a
-fault is the fault's own: a slow valve opens too late for it and closes after it, a stuck one lacks what all
-others give, a weak one lacks a share of that, a leak adds less to a wide pulse than to a narrow one, and one
-that is late opens at all if the pulse is longer than that.
+Some thrusters push and turn nowhere together (`balanced_groups`), so that a pulse of a group leaves a healthy
+vehicle alone, and what it does to another is the fault's own. Groups take turns; routine pulses are rare,
+dense after an alarm, and of the group of the isolated thruster alone until its fault is clear
+(`ValveProbing`). A pulse only adds to duties, up to 1. What tells kinds of fault apart:
+docs/derivations/excitation_test.md. Ours; the source (Fonod et al. 2013) has none.
 
-Groups take turns, so that opposite corners are told apart by the moment. Routine pulses are short and rare;
-from an alarm on they are dense, and once a thruster has been named its group alone is probed, until it is
-clear what is wrong (`ValveProbing`). What the vehicle is asked for comes first: a pulse only adds to
-open rates, in the proportions of the group, and leaves the widest at 1 at most.
-
-Ours: the source (Fonod et al. 2013) probes nothing. Left out: thrusters that are known to be faulty, with
-which there are no such groups any more; what the plumes of a pulse do.
+Left out: thrusters that are known to be faulty; what the plumes of a pulse do.
 """
 
 from __future__ import annotations

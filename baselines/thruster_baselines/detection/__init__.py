@@ -4,13 +4,19 @@ from thruster_baselines.detection.base import BaseDetector, Interval
 from thruster_baselines.detection.calibration import (
     Calibration,
     Firings,
+    calibrate,
     chi_squared_threshold,
     healthy_firings,
     largest_scaled_threshold,
+    margin_threshold,
+    rate_per_interval,
+    residual_thresholds,
+    threshold_for,
     threshold_for_rate,
 )
 from thruster_baselines.detection.chi_squared import GenericChiSquared, SetChiSquared, SingleChiSquared
 from thruster_baselines.detection.confusion import MEASURES, Confusion
+from thruster_baselines.detection.contract import Detector, Telemetry, Verdict
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import EnvironmentFlights, ObservedFiring
 from thruster_baselines.detection.estimator_threshold import EstimatorThreshold
@@ -33,7 +39,7 @@ from thruster_baselines.detection.identification import (
     least_squares_severity,
 )
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
-from thruster_baselines.detection.response import ResponseTest, threshold_for
+from thruster_baselines.detection.response import ResponseTest
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -44,6 +50,7 @@ __all__ = [
     "Calibration",
     "Confusion",
     "CurvePoint",
+    "Detector",
     "DetectorPlayer",
     "EnvironmentFlights",
     "EstimatorThreshold",
@@ -67,13 +74,19 @@ __all__ = [
     "SetChiSquared",
     "Severity",
     "SingleChiSquared",
+    "Telemetry",
+    "Verdict",
     "WindowedGLR",
     "by_model_comparison",
+    "calibrate",
     "chi_squared_threshold",
     "evaluate",
     "healthy_firings",
     "largest_scaled_threshold",
     "least_squares_severity",
+    "margin_threshold",
+    "rate_per_interval",
+    "residual_thresholds",
     "table",
     "threshold_for",
     "threshold_for_rate",

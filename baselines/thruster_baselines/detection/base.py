@@ -1,39 +1,33 @@
-"""What all detectors here share: the checks at the door, the filter, the clock, and what a test is made of.
+"""What detectors of rate changes share: input validation, the filter, the clock, and what a test is made of.
 
-Of an interval a detector gets the commanded on-times and the measured rate change. The base takes the loss of
-the shared feed off the on-times, so that it does not look like a fault, refuses measurements that are late,
-no numbers, or such as no firing of this vehicle could have given, and lets a filter of the thrusters'
-effectiveness (`thruster_baselines.estimation.EffectivenessFilter`) say what was unexpected in the rest: the
-residual, and the covariance Y that it should have. A detector adds a statistic of them and names a thruster.
-Refusals are counted by their reason (`thruster_baselines.estimation.REFUSALS`).
+The base takes the loss of the shared feed off the commanded on-times, refuses measurements that are late, NaN
+or beyond what this vehicle can do (counted by `thruster_baselines.estimation.REFUSALS`), and gets from a
+filter of the effectiveness (`EffectivenessFilter`) the residual and the covariance Y that it should have. A
+detector adds a statistic of these and isolates a thruster.
 
-How large errors are taken to be is the choice of `noise`:
+The errors are `noise`: a number or one per axis (Yang 2003, chapter 6: R = 10, Q = 0.01, to which its
+thresholds belong; not the size of any error), or `PhysicalNoise(spacecraft)`: sensors and scatter as
+described; then nothing is learned unless a `process_noise` is given.
 
-- a number, or one per axis: the source has R = 10 and Q = 0.01 (Yang 2003, chapter 6), and its thresholds
-  (5.5e-5 for the likelihood ratio) belong to them. They mix m/s with rad/s and are not the size of any error.
-- `PhysicalNoise(spacecraft)`: what the sensors and the scatter of the thrusters give. By default the filter
-  then learns nothing and expects what it was told to believe; give a `process_noise` to let it learn.
-
-Left out: that consecutive rate changes share a velocity measurement. A measurement that belongs to another
-interval than its age says, or that has no age, cannot be told from a fault; navigation's own messages can be
-checked for that, and so that nothing is lost with one of them
-(`thruster_baselines.estimation.MeasurementGate`).
+Left out: that consecutive rate changes share a velocity measurement; measurements without an age, or with a
+wrong one (`thruster_baselines.estimation.MeasurementGate` checks navigation's own messages).
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.settings import (
     SOURCE_MEASUREMENT_NOISE,
     SOURCE_PROCESS_NOISE,
@@ -45,7 +39,7 @@ from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN
 from thruster_baselines.mapping.coupling import convert, thrust_shares
 from thruster_envs.configuration import suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["BaseDetector", "Interval"]
@@ -53,8 +47,7 @@ __all__ = ["BaseDetector", "Interval"]
 _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """One interval, as a detector sees it after the checks.
 
     Attributes:
@@ -66,6 +59,7 @@ class Interval:
         effectiveness: (vehicles, m, n), believed before this measurement, m/s^2 then rad/s^2.
         residual: (vehicles, m), measured minus expected; zero where not valid.
         covariance: (vehicles, m, m), of the residual if nothing is wrong.
+        excluded: (vehicles, n), thrusters that are believed dead and not suspected.
     """
 
     commanded: FloatArray
@@ -76,6 +70,38 @@ class Interval:
     effectiveness: FloatArray
     residual: FloatArray
     covariance: FloatArray
+    excluded: BoolArray
+
+
+class Scores(NamedTuple):
+    """What a test fills in for each vehicle; zeros to begin with.
+
+    Attributes:
+        statistic: (vehicles,), test statistic that is compared with the threshold.
+        thruster: (vehicles,), the likeliest one, from 1; 0 where the method cannot tell.
+        suspicion: (vehicles, n), test statistic of each thruster.
+        shortfall: (vehicles, n), s, on-time deficit of each if it is the faulty one.
+    """
+
+    statistic: FloatArray
+    thruster: IntArray
+    suspicion: FloatArray
+    shortfall: FloatArray
+
+    @classmethod
+    def of(cls, interval: Interval) -> Scores:
+        """Zeros for the vehicles and thrusters of an interval."""
+        shape = interval.on_times.shape
+        return cls(np.zeros(shape[0]), np.zeros(shape[0], np.int64), np.zeros(shape), np.zeros(shape))
+
+
+class _Intake(NamedTuple):
+    """What is kept of the vehicles' input: (vehicles,), but for the counts (reasons, vehicles)."""
+
+    reason: IntArray
+    axis: IntArray
+    refused: IntArray
+    time: FloatArray
 
 
 class BaseDetector(ABC):
@@ -161,7 +187,7 @@ class BaseDetector(ABC):
         self._begin(mask)
         self._forget(mask)
 
-    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+    def believe(self, effectiveness: ActuatorBelief | ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness give.
 
         What was believed before of a thruster whose column is another now is forgotten, and its uncertainty
@@ -169,13 +195,15 @@ class BaseDetector(ABC):
         suspected any more. Evidence gathered so far is dropped.
 
         Args:
-            effectiveness: (m, n) or (vehicles, m, n), m/s^2 then rad/s^2.
+            effectiveness: (m, n) or (vehicles, m, n), m/s^2 then rad/s^2, or a belief about the thrusters.
             vehicles: Which ones, as a mask (vehicles,); all by default.
 
         Raises:
             ValueError: A wrong shape, an entry that is not finite.
         """
         mask = self._mask(vehicles)
+        if isinstance(effectiveness, ActuatorBelief):
+            effectiveness = effectiveness.effectiveness(self._nominal)
         given = np.array(effectiveness, dtype=np.float64)
         check_effectiveness(given, self._vehicles, self._nominal.shape)
         given = np.broadcast_to(given, self._believed.shape)
@@ -188,22 +216,26 @@ class BaseDetector(ABC):
 
     def update(
         self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,
-        duration: float,
+        on_times: Telemetry | ArrayLike,
+        rate_change: ArrayLike | None = None,
+        duration: float | None = None,
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,
-    ) -> Diagnosis:
-        """Take in one interval; see `thruster_envs.protocols.Detector`.
+    ) -> Verdict:
+        """Take in one interval: `Telemetry`, or arrays as in `thruster_envs.protocols.Detector`.
 
         Raises:
             ValueError: A wrong shape, on-times that are negative, longer than the interval or no numbers, a
-                duration that is not positive.
+                duration that is not positive; telemetry without on-times or rate change.
         """
-        interval = self._take_in(on_times, rate_change, duration, valid, age)
-        self.last = interval
-        return self._judge(interval)
+        if isinstance(on_times, Telemetry):
+            seen = on_times
+        else:
+            time = math.nan if duration is None else duration
+            seen = Telemetry(time, on_times=on_times, rate_change=rate_change, valid=valid, age=age)
+        self.last = self._take_in(seen)
+        return self._diagnose(self.last)
 
     @property
     def refused(self) -> dict[str, IntArray]:
@@ -231,7 +263,7 @@ class BaseDetector(ABC):
         return f"the rate change of vehicle {vehicle}, {self._limits.line(k, value, interval.duration)}"
 
     @abstractmethod
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         """What to say of a checked interval."""
 
     def _begin(self, mask: BoolArray) -> None:
@@ -245,17 +277,11 @@ class BaseDetector(ABC):
     def _forget(self, mask: BoolArray) -> None:  # noqa: B027 - most detectors gather nothing
         """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""
 
-    def _take_in(
-        self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,
-        duration: float,
-        valid: ArrayLike | None,
-        age: ArrayLike | None,
-    ) -> Interval:
+    def _take_in(self, seen: Telemetry) -> Interval:
         count, (m, n) = self._vehicles, self._nominal.shape
-        commanded = self._whole(on_times, n, "on_times")
-        measured = self._whole(rate_change, m, "rate_change")
+        commanded = self._whole(seen.need("on_times"), n, "on_times")
+        measured = self._whole(seen.need("rate_change"), m, "rate_change")
+        duration, valid, age = seen.duration, seen.valid, seen.age
         if not (duration > 0.0 and math.isfinite(duration)):
             raise ValueError(f"duration is {duration}; a positive number of s would be right")
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
@@ -265,10 +291,9 @@ class BaseDetector(ABC):
         if ages.shape != (count,):
             raise ValueError(f"age has the shape {ages.shape}; ({count},) would be right")
         effective = np.empty((count, n))
-        wrong = _at_the_door(
-            commanded, measured, there, ages, float(duration), self._shares, self._limits.rate,
-            self._limits.error, effective, self._reason, self._axis, self._refused, self.time,
-        )  # fmt: skip
+        intake = _Intake(self._reason, self._axis, self._refused, self.time)
+        limits = self._shares, self._limits.rate, self._limits.error
+        wrong = _validate_input(commanded, measured, there, ages, float(duration), limits, intake, effective)
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), n)
             raise ValueError(
@@ -281,7 +306,7 @@ class BaseDetector(ABC):
         innovation = self.filter.advance(effective, measured, there, noise)
         return Interval(
             commanded, effective, measured, float(duration), innovation.valid, before,
-            innovation.residual, innovation.covariance,
+            innovation.residual, innovation.covariance, self._dead.copy(),
         )  # fmt: skip
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
@@ -290,44 +315,37 @@ class BaseDetector(ABC):
     def _mask(self, vehicles: ArrayLike | None) -> BoolArray:
         return mask_of(vehicles, self._vehicles)
 
-    def _answer(
-        self,
-        statistic: FloatArray,
-        blamed: IntArray,
-        suspicion: FloatArray,
-        shortfall: FloatArray,
-        limit: FloatArray | None = None,
-    ) -> Diagnosis:
-        """The diagnosis; `blamed` (vehicles,) is from 1, and 0 where the method cannot tell.
+    def _answer(self, scores: Scores, limit: FloatArray | None = None) -> Verdict:
+        """The verdict; `limit` (vehicles,) stands for the threshold in this interval."""
+        detected = scores.statistic > (self.threshold if limit is None else limit)
+        return Verdict(
+            detected, np.where(detected, scores.thruster, 0), scores.statistic, self.time.copy(),
+            scores.suspicion, scores.shortfall, self._kinds(detected),
+        )  # fmt: skip
 
-        `limit` (vehicles,) stands for the threshold in this interval.
-        """
-        detected = statistic > (self.threshold if limit is None else limit)
-        return Diagnosis(
-            detected, np.where(detected, blamed, 0), statistic, self.time.copy(), suspicion, shortfall
-        )
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
+        """Of each vehicle, the kind of fault where one is detected; nothing where it cannot be told."""
+        return ()
 
 
 @kernel(nogil=True)
-def _at_the_door(
+def _validate_input(
     commanded: FloatArray,
     measured: FloatArray,
     there: NDArray[np.bool_],
     age: FloatArray,
     duration: float,
-    shares: FloatArray,
-    largest_rate: FloatArray,
-    largest_error: FloatArray,
+    limits: tuple[FloatArray, FloatArray, FloatArray],
+    intake: _Intake,
     effective: FloatArray,
-    reason: IntArray,
-    axis: IntArray,
-    refused: IntArray,
-    time: FloatArray,
 ) -> int:
     """Effective on-times, clock, and refusals; the flat index of the first on-time that cannot be, or -1.
 
-    Nothing but scratch is written if there is one.
+    Nothing but scratch is written if there is one. The limits are the shares of thrust of the shared feed,
+    the largest rate of change and the largest error.
     """
+    shares, largest_rate, largest_error = limits
+    reason, axis, refused, time = intake
     count, n = commanded.shape
     wrong, longest = -1, duration * (1.0 + _ROUNDING)
     for v in range(count):

@@ -1,22 +1,18 @@
-"""Thresholds from a stated false-alarm rate, by healthy data or in closed form; and healthy firings.
+"""Alarm thresholds of all detectors: `calibrate` finds one for a rate of false alarms on healthy seeds.
 
-A threshold is an order statistic of what a detector gave on healthy vehicles: as low as it can be while the
-exact (Clopper-Pearson) upper bound of the rate at which it is exceeded stays at or below the stated rate.
-So it holds with the stated confidence, whatever the distribution; too little data is refused, with the number
-that would do. The source takes the smallest threshold without an alarm instead (Yang 2003, section 6.4.2),
-which says nothing of the rate; Valdes 2008 goes beyond the largest by a part of its distance from the mean
-(`largest_scaled_threshold`), which says no more.
+The threshold is an order statistic of what the detector gave on healthy flights: as low as it can be while
+the exact (Clopper-Pearson) upper bound of the rate at which it is exceeded stays at or below the stated rate
+(`threshold_for_rate`). Flights are independent, their intervals are not, so the largest statistic of a flight
+counts. Rules of the sources that say nothing of a rate: `margin_threshold`, `largest_scaled_threshold`.
+In closed form: `chi_squared_threshold`, and `healthy_limits` for defaults of the likelihood ratio.
 
-Statistics of a detector that gathers evidence depend on each other from interval to interval. Given as
-flights by intervals, only flights are taken as independent, by their largest statistic; a rate per interval
-then is the one at which independent intervals would give as many flights with an alarm.
-
-`healthy_firings` draws random firings with scatter and sensor errors, as the Monte Carlo of the source does.
+`healthy_firings` draws random firings with scatter and sensor errors (the Monte Carlo of Yang 2003, 6.4.2).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -24,6 +20,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.detection.contract import AnyDetector, reader_of
+from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.extras import extra
@@ -33,11 +31,22 @@ from thruster_envs.spacecraft import Spacecraft, load
 __all__ = [
     "Calibration",
     "Firings",
+    "calibrate",
     "chi_squared_threshold",
     "healthy_firings",
     "largest_scaled_threshold",
+    "margin_threshold",
+    "rate_per_interval",
+    "residual_thresholds",
+    "threshold_for",
     "threshold_for_rate",
 ]
+
+SOURCE_MARGIN = 1.3
+"""Of the threshold over the largest residual of healthy flights (Fonod et al. 2013)."""
+
+FLOWN_TOGETHER = 500
+"""Vehicles that fly side by side; bounds the memory that a detector takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +83,80 @@ class Firings:
     on_times: FloatArray
     rate_change: FloatArray
     duration: float
+
+
+def calibrate(
+    make: Callable[[int], AnyDetector],
+    source: FlightSource,
+    seeds: Sequence[int],
+    *,
+    false_alarms: float,
+    per: float = 3600.0,
+    confidence: float = 0.95,
+) -> Calibration:
+    """The threshold at which a detector of any kind gives no more than so many false alarms in a time.
+
+    Args:
+        make: Builds a detector for so many vehicles.
+        source: Of flights that the detector can be fed with.
+        seeds: Of healthy flights; none of those that results are reported on.
+        false_alarms: How many in the time `per`, above 0.
+        per: s; an hour by default.
+        confidence: That the true rate is not above it, above 0.5 and below 1.
+
+    Raises:
+        ValueError: A rate that cannot be, or that so few flights cannot show; the number that can is named.
+
+    >>> from thruster_baselines.detection import CUSUMDetector, RandomFlights
+    >>> from thruster_baselines.estimation import PhysicalNoise
+    >>> from thruster_envs.seeds import VALIDATION
+    >>> from thruster_envs.spacecraft import load
+    >>> orion = load("orion")
+    >>> def make(vehicles):
+    ...     return CUSUMDetector(orion, 10.0, noise=PhysicalNoise(orion), vehicles=vehicles)
+    >>> found = calibrate(make, RandomFlights(spacecraft=orion), VALIDATION[:60], false_alarms=3.0)
+    >>> 4.0 < found.threshold < 20.0
+    True
+    """
+    flights = source(seeds, False)
+    rate = rate_per_interval(false_alarms, per, flights.duration)
+    return threshold_for_rate(statistics_of(make, flights), rate, confidence)
+
+
+def rate_per_interval(false_alarms: float, per: float, duration: float) -> float:
+    """The rate per interval of a duration, s, at which so many false alarms come in a time `per`, s.
+
+    Raises:
+        ValueError: A number that is not positive, or as many alarms as intervals.
+
+    >>> rate_per_interval(3.6, 3600.0, 5.0)
+    0.005
+    """
+    for name, value in (("false_alarms", false_alarms), ("per", per), ("duration", duration)):
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    rate = false_alarms * duration / per
+    if rate >= 1.0:
+        raise ValueError(
+            f"false_alarms must be below {per / duration:g} in {per:g} s, the number of intervals, got "
+            f"{false_alarms:g}"
+        )
+    return rate
+
+
+def statistics_of(make: Callable[[int], AnyDetector], flights: RecordedFlights) -> FloatArray:
+    """(flights, intervals): the statistic of a detector all along, without any alarm."""
+    count, intervals = flights.on_times.shape[:2]
+    found = np.empty((count, intervals))
+    for first in range(0, count, FLOWN_TOGETHER):
+        part = slice(first, min(first + FLOWN_TOGETHER, count))
+        detector = make(part.stop - part.start)
+        detector.threshold = math.inf
+        detector.reset()
+        read = reader_of(detector)
+        for t in range(intervals):
+            found[part, t] = read(flights.telemetry(part, t)).statistic
+    return found
 
 
 def threshold_for_rate(statistics: ArrayLike, false_alarms: float, confidence: float = 0.95) -> Calibration:
@@ -156,6 +239,70 @@ def largest_scaled_threshold(residuals: ArrayLike, scale: ArrayLike) -> FloatArr
         raise ValueError(f"scale is {factor}; zero or more would be right")
     mean = values.mean(axis=0)
     return np.asarray(mean + factor * (values.max(axis=0) - mean))
+
+
+def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> float:
+    """The largest statistic of healthy flights, times a margin.
+
+    Says nothing of the false-alarm rate; `threshold_for_rate` does. The margin is that of Fonod et al. 2013.
+
+    >>> margin_threshold([[0.0, 2.0], [1.0, 0.5]], margin=1.5)
+    3.0
+    """
+    return margin * float(np.max(np.asarray(statistics, dtype=np.float64)))
+
+
+def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> float:
+    """Threshold that a stated share of healthy episodes exceeds at least once.
+
+    Args:
+        false_alarm_rate: Share of episodes, above 0 and below 1.
+        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a
+            healthy vehicle.
+
+    Raises:
+        ValueError: A rate outside of (0, 1), or too few episodes to tell such a rate.
+
+    >>> threshold_for(0.25, [[0.0, 1.0], [2.0, 0.0], [3.0, 1.0], [4.0, 2.0]])
+    3.25
+    """
+    if not 0.0 < false_alarm_rate < 1.0:
+        raise ValueError(
+            f"false_alarm_rate is {false_alarm_rate}; a number above 0 and below 1 would be right"
+        )
+    largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
+    if largest.size * false_alarm_rate < 1.0:
+        raise ValueError(
+            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; "
+            f"{int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
+        )
+    return float(np.quantile(largest, 1.0 - false_alarm_rate))
+
+
+def residual_thresholds(
+    residuals: ArrayLike, sensitivity: ArrayLike, false_alarms: float | None = None
+) -> FloatArray:
+    """The threshold of each column of residuals of healthy pulses or missions.
+
+    Args:
+        residuals: (samples,) or (samples, columns).
+        sensitivity: How far beyond the mean, in units of the distance of the largest from it: the rule of
+            Valdes 2008, eq. 4.2 and 5.3 (`largest_scaled_threshold`).
+        false_alarms: Where given, the threshold instead is the lowest for which so large a rate of false
+            alarms is shown with a confidence of 95 % (`threshold_for_rate`).
+
+    Returns:
+        (), or (columns,).
+
+    Raises:
+        ValueError: No residuals, some that are not finite, or too few for that rate.
+    """
+    if false_alarms is None:
+        return largest_scaled_threshold(residuals, sensitivity)
+    values = np.asarray(residuals, np.float64)
+    columns = values.reshape(len(values), -1)
+    limits = [threshold_for_rate(column, false_alarms).threshold for column in columns.T]
+    return np.array(limits).reshape(values.shape[1:])
 
 
 def chi_squared_threshold(false_alarms: float, degrees: int = 1, tests: int = 1) -> float:

@@ -1,42 +1,29 @@
 """Chi-squared tests of the residual: of all axes together, of each alone, and of the axes of each thruster.
 
-With the residual e of one interval and its covariance Y when nothing is wrong (Yang 2003, eqs. 62-66):
+With the residual e and its covariance Y when nothing is wrong (Yang 2003, eqs. 62-66):
 
-- generic: l = e' Y^-1 e, chi-squared with m degrees of freedom. Says that something is wrong, not what.
-- single: l_k = e_k^2 / Y_kk for each axis, with one degree of freedom. The axes on which it exceeds the
-  threshold narrow down who it can be.
-- set: l_i = sum over the axes k on which thruster i acts of e_k^2 / Y_kk. It names a thruster only if nobody
-  else acts on just the same axes; on Orion four thrusters always share them, so that it never does.
+- generic: e' Y^-1 e, of m degrees of freedom: something is wrong.
+- single: e_k^2 / Y_kk for each axis: the axes on which something is wrong.
+- set: the sum of these over the axes of a thruster; isolates it only if no other acts on just the same axes
+  (on Orion four thrusters always do).
 
-The tuning knob is the threshold; where Y is the true covariance (`PhysicalNoise`),
-`calibration.chi_squared_threshold` gives the generic and the single one in closed form. With the source's R
-= 10 tables of chi-squared are of no use. The source prints the generic test as a sum over axes, which is the
-same where Y is diagonal; here it is the full form.
-
-Left out: which way the residual points inside a set of axes, which is what the likelihood ratio uses.
+`calibration.chi_squared_threshold` has thresholds where Y is the true covariance (`PhysicalNoise`). Left out:
+which way the residual points inside a set of axes, which is what the likelihood ratio uses.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 
 __all__ = ["GenericChiSquared", "SetChiSquared", "SingleChiSquared"]
 
 
-class _ChiSquared(BaseDetector):
-    """What the three have in common."""
-
-    def _empty(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Suspicion (vehicles, n), statistic and blamed (vehicles,), zeros."""
-        count, _, n = self._believed.shape
-        return np.zeros((count, n)), np.zeros(count), np.zeros(count, np.int64)
-
-
-class GenericChiSquared(_ChiSquared):
+class GenericChiSquared(BaseDetector):
     """Says that something is wrong where the residual as a whole is too large; names nobody.
 
     Args:
@@ -45,13 +32,13 @@ class GenericChiSquared(_ChiSquared):
         settings: Of the filter and of the feed; see `FilterSettings`.
     """
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        nobody, statistic, blamed = self._empty()
-        _generic(interval.residual, interval.covariance, interval.valid, statistic)
-        return self._answer(statistic, blamed, nobody, np.zeros_like(nobody))
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        _generic(interval, scores.statistic)
+        return self._answer(scores)
 
 
-class SingleChiSquared(_ChiSquared):
+class SingleChiSquared(BaseDetector):
     """Says on which axes something is wrong, and who it is if one thruster alone acts on all of them.
 
     A thruster's suspicion is the largest statistic among its axes, or zero if it does not act on an axis on
@@ -75,14 +62,14 @@ class SingleChiSquared(_ChiSquared):
 
     axes: FloatArray
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        suspicion, statistic, blamed = self._empty()
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
         self.axes = _squares(interval)
-        _single(self.axes, self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
-        return self._answer(statistic, blamed, suspicion, np.zeros_like(suspicion))
+        _single(self.axes, self._believed, interval.excluded, self.threshold, scores)
+        return self._answer(scores)
 
 
-class SetChiSquared(_ChiSquared):
+class SetChiSquared(BaseDetector):
     """Sums up the axes of each thruster, and names one where its set of axes is its own.
 
     The statistic of a larger set is never below that of a smaller one inside of it. So of all sets outside
@@ -101,10 +88,10 @@ class SetChiSquared(_ChiSquared):
     array([4])
     """
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        suspicion, statistic, blamed = self._empty()
-        _set(_squares(interval), self._believed, self._dead, self.threshold, suspicion, statistic, blamed)
-        return self._answer(statistic, blamed, suspicion, np.zeros_like(suspicion))
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        _set(_squares(interval), self._believed, interval.excluded, self.threshold, scores)
+        return self._answer(scores)
 
 
 def _squares(interval: Interval) -> FloatArray:
@@ -115,26 +102,21 @@ def _squares(interval: Interval) -> FloatArray:
 
 
 @kernel(nogil=True)
-def _generic(residual: FloatArray, covariance: FloatArray, valid: BoolArray, statistic: FloatArray) -> None:
-    m = residual.shape[1]
+def _generic(interval: Interval, statistic: FloatArray) -> None:
+    m = interval.residual.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
-    for v in range(residual.shape[0]):
-        if valid[v]:
-            whiten(covariance[v], residual[v], none, root, e, a)
+    for v in range(statistic.size):
+        if interval.valid[v]:
+            whiten(interval.covariance[v], interval.residual[v], none, root, e, a)
             for k in range(m):
                 statistic[v] += e[k] * e[k]
 
 
 @kernel(nogil=True)
 def _single(
-    squares: FloatArray,
-    effectiveness: FloatArray,
-    dead: BoolArray,
-    threshold: float,
-    suspicion: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    squares: FloatArray, effectiveness: FloatArray, dead: BoolArray, threshold: float, scores: Scores
 ) -> None:
+    statistic, blamed, suspicion, _ = scores
     m, n = effectiveness.shape[1:]
     for v in range(squares.shape[0]):
         for k in range(m):
@@ -161,14 +143,9 @@ def _single(
 
 @kernel(nogil=True)
 def _set(
-    squares: FloatArray,
-    effectiveness: FloatArray,
-    dead: BoolArray,
-    threshold: float,
-    suspicion: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    squares: FloatArray, effectiveness: FloatArray, dead: BoolArray, threshold: float, scores: Scores
 ) -> None:
+    statistic, blamed, suspicion, _ = scores
     m, n = effectiveness.shape[1:]
     for v in range(squares.shape[0]):
         smallest, sharing = m + 1, 0

@@ -1,27 +1,15 @@
-"""Cumulative sums: evidence for a fault of a design size, gathered until it is enough (Page 1954).
+"""Cumulative sums: evidence for a fault of a design size q, gathered until it is enough (Page 1954).
 
-For each thruster and each of two directions, thrust that is missing and thrust that was not commanded, a sum
-gathers the log-likelihood ratio of the residual under a fault of the design size q against none, and starts
-anew from zero whenever it falls below:
+For each thruster, and for missing thrust and thrust without command, with the signature f of a fault of size
+one, c_k = f' Y^-1 e and s_k = f' Y^-1 f of interval k:
 
-    g_k = max(0, g_(k-1) + q c_k - q^2 s_k / 2),
+    g_k = max(0, g_(k-1) + q c_k - q^2 s_k / 2).
 
-with c_k = f' Y^-1 e and s_k = f' Y^-1 f of the signature f of a fault of size one in interval k, which is -u
-a for a loss and (T - u) a for thrust without command. For a fault of that size no test of a given mean time
-between false alarms has a shorter mean delay in the worst case (Moustakides 1986); a fault below half of it
-is hardly ever found.
+The thruster is isolated whose fitted share explains the most since its sum last was zero. Knobs: the
+threshold, whose mean time between false alarms grows about as its exponential, and the design sizes, by
+default the smallest that a `FaultDistribution` draws; a fault below half of one is hardly ever found.
 
-Sums of different design sizes say when, but are no fair comparison of who: a large fault of one thruster
-looks like a smaller one of its near-twin. So for each sum c and s are added up as well since it last was at
-zero, which is where it takes the onset to be, and the thruster is blamed whose share q = c / s, cut to 0 to
-1, explains the most since then: the largest 2 q c - q^2 s.
-
-Tuning knobs: the threshold, whose mean time between false alarms grows about as its exponential, and the two
-design sizes: the smallest faults that have to be found. The defaults are the smallest loss and the smallest
-leak that a `FaultDistribution` draws unless told otherwise.
-
-Left out: how far the fault is from its design size in the decision when to alarm (`WindowedGLR` fits it). The
-sums stay until a reset, or until a new belief.
+Left out: how far the fault is from its design size when to alarm is decided (`WindowedGLR` fits it).
 """
 
 from __future__ import annotations
@@ -32,12 +20,13 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CUSUMDetector"]
@@ -81,9 +70,7 @@ class CUSUMDetector(BaseDetector):
             if not 0.0 < size <= 1.0:
                 raise ValueError(f"{name} is {size}; a share above 0 and up to 1 would be right")
         self._design = np.array([design_loss, design_excess])
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():
@@ -94,46 +81,29 @@ class CUSUMDetector(BaseDetector):
         self.sums[mask] = 0.0
         self._runs[mask] = 0.0
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        count, n = interval.on_times.shape
-        suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _gather(
-            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
-            interval.on_times, interval.duration, self._design, self.sums,
-            self._runs, suspicion, shortfall, statistic, blamed,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, suspicion, shortfall)
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        _gather(interval, self._design, self.sums, self._runs, scores)
+        return self._answer(scores)
 
 
 @kernel(nogil=True)
 def _gather(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    on_times: FloatArray,
-    duration: float,
-    design: FloatArray,
-    sums: FloatArray,
-    runs: FloatArray,
-    suspicion: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    interval: Interval, design: FloatArray, sums: FloatArray, runs: FloatArray, scores: Scores
 ) -> None:
-    m, n = effectiveness.shape[1:]
+    on_times, duration = interval.on_times, interval.duration
+    statistic, blamed, suspicion, shortfall = scores
+    m, n = interval.effectiveness.shape[1:]
     root, e, a, row = np.empty((m, m)), np.empty(m), np.empty((m, n)), np.empty((4, n))
-    for v in range(residual.shape[0]):
-        if not valid[v]:
+    for v in range(statistic.size):
+        if not interval.valid[v]:
             continue
-        evidence(residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, row)
+        evidence(interval, v, root, e, a, row)
         best = 0.0
         for kind in range(2):
             q = design[kind]
             for i in range(n):
-                if dead[v, i]:
+                if interval.excluded[v, i]:
                     continue
                 step = q * row[2 * kind, i] - 0.5 * q * q * row[2 * kind + 1, i]
                 gathered = max(0.0, sums[v, kind, i] + step)

@@ -19,11 +19,12 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval
+from thruster_baselines.detection.base import Interval, Scores
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["SOURCE_LOST_SHARE", "EstimatorThreshold"]
@@ -66,23 +67,17 @@ class EstimatorThreshold(LimitedDetector):
         false_alarms: float = FALSE_ALARMS,
         **settings: Unpack[FilterSettings],
     ) -> None:
-        super().__init__(
-            spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, **settings)
         if self.filter.form == "known":
             raise ValueError(
                 "process_noise and initial_covariance are 0, so that the estimate never moves; a positive "
                 "variance would be right"
             )
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        count, n = interval.on_times.shape
-        lost = np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _lost_shares(
-            self.filter.effectiveness, self._believed, interval.valid, self._dead, lost, statistic, blamed
-        )
-        return self._answer(statistic, blamed, lost, lost * interval.on_times, self._limits_of(interval))
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        _lost_shares(self.filter.effectiveness, self._believed, interval, scores)
+        return self._answer(scores, self._limits_of(interval))
 
     def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
         largest = np.abs(self._believed).max(axis=2)
@@ -93,19 +88,12 @@ class EstimatorThreshold(LimitedDetector):
 
 
 @kernel(nogil=True)
-def _lost_shares(
-    estimate: FloatArray,
-    believed: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    lost: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
-) -> None:
+def _lost_shares(estimate: FloatArray, believed: FloatArray, interval: Interval, scores: Scores) -> None:
+    statistic, blamed, lost, shortfall = scores
     m, n = estimate.shape[1:]
     weight = np.empty(m)
     for v in range(estimate.shape[0]):
-        if not valid[v]:
+        if not interval.valid[v]:
             continue
         for k in range(m):
             largest = 0.0
@@ -113,13 +101,14 @@ def _lost_shares(
                 largest = max(largest, abs(believed[v, k, i]))
             weight[k] = 1.0 / largest**2 if largest > 0.0 else 0.0
         for i in range(n):
-            if dead[v, i]:
+            if interval.excluded[v, i]:
                 continue
             along, square = 0.0, 0.0
             for k in range(m):
                 along += weight[k] * believed[v, k, i] * (believed[v, k, i] - estimate[v, k, i])
                 square += weight[k] * believed[v, k, i] ** 2
             lost[v, i] = max(along / square, 0.0)
+            shortfall[v, i] = lost[v, i] * interval.on_times[v, i]
             if lost[v, i] > statistic[v]:
                 statistic[v] = lost[v, i]
                 blamed[v] = i + 1

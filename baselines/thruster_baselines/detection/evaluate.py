@@ -1,24 +1,13 @@
-"""The yardstick of detectors: how soon, how surely, how often wrongly, and whom they name.
+"""The evaluation protocol of detectors: how soon, how surely, how often wrongly, and whom they isolate.
 
-One way of measuring for all, classical or learned: whatever has `update`, `reset` and `threshold`
-(`thruster_envs.protocols.Detector`). The threshold is calibrated to a stated false-alarm rate on healthy
-flights of the validation seeds; everything that is reported comes from flights of the test seeds. A vehicle
-that alarms without a fault is reset and flies on, so that one false alarm counts once.
+The threshold is calibrated to a false-alarm rate on healthy flights of the validation seeds; all that is
+reported comes from flights of the test seeds. A vehicle that alarms without a fault is reset and flies on.
+Measured are the delay from the onset to the end of the interval of the first alarm after it (a missed fault
+is infinitely late), missed faults, false alarms per hour, isolation with a confusion matrix, identification
+where a method is given, the time of an update, and the curve of delay against false alarms, without resets
+and without flights that alarm before the onset. Rates come with Clopper-Pearson intervals.
 
-What is measured:
-
-- detection delay: from the onset of the fault to the end of the interval of the first alarm after it. A
-  missed fault counts as infinitely late, so that a detector does not look fast by missing much.
-- missed: faulty flights without an alarm after the onset.
-- false alarms: per hour of healthy flight, from how many of its intervals have one.
-- isolation: of the detected, how many are named rightly; whom they are mistaken for, in a matrix.
-- identification, where a method is given: of the rightly named, how many kinds are right, and by how much the
-  severity of those is off that can be more or less severe.
-- time of an update, of one vehicle and of each in a batch.
-- the curve of delay against false alarms, over thresholds that are calibrated to ever rarer ones; here
-  without resets, leaving out flights that alarm before the onset.
-
-Rates come with Clopper-Pearson intervals. Left out: flights in which several thrusters fail.
+Left out: flights in which several thrusters fail.
 """
 
 from __future__ import annotations
@@ -34,7 +23,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from thruster_baselines.detection.calibration import Calibration, threshold_for_rate
+from thruster_baselines.detection.calibration import (
+    FLOWN_TOGETHER,
+    Calibration,
+    statistics_of,
+    threshold_for_rate,
+)
+from thruster_baselines.detection.contract import AnyDetector, reader_of
 from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.detection.identification import (
     Identification,
@@ -43,7 +38,7 @@ from thruster_baselines.detection.identification import (
 )
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.extras import extra
-from thruster_envs.protocols import BoolArray, Detector, FloatArray, IntArray, NavigationDetector
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
 
 if TYPE_CHECKING:
@@ -53,9 +48,6 @@ __all__ = ["CurvePoint", "Evaluation", "Identifier", "Rate", "by_model_compariso
 
 Identifier: TypeAlias = Callable[[Any, IntArray], Identification]
 """Says how the named thrusters (vehicles,), from 1 and 0 for none, fail, right after an update."""
-
-_CHUNK = 500
-"""Vehicles that fly side by side; bounds the memory that a detector takes."""
 
 _TIMED_UPDATES = 300
 """Updates of a single vehicle that are timed."""
@@ -262,7 +254,7 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
     The size of a loss or of a leak is that of least squares, which is not held to the levels of the models.
     """
 
-    def identify(detector: Detector, thruster: IntArray) -> Identification:
+    def identify(detector: AnyDetector, thruster: IntArray) -> Identification:
         last = getattr(detector, "last", None)
         if last is None:
             raise ValueError(
@@ -280,7 +272,7 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
 
 
 def evaluate(
-    make: Callable[[int], Detector | NavigationDetector],
+    make: Callable[[int], AnyDetector],
     source: FlightSource,
     *,
     name: str,
@@ -315,18 +307,18 @@ def evaluate(
             f"seed {min(both)} is in validation and in test; disjoint sets, as in thruster_envs.seeds, would "
             "be right"
         )
-    calm = _statistics(make, source(validation, False))
-    calibration = threshold_for_rate(calm, false_alarms, confidence)
+    validated = statistics_of(make, source(validation, False))
+    calibration = threshold_for_rate(validated, false_alarms, confidence)
     healthy, faulty = source(test, False), source(test, True)
     duration, intervals = healthy.duration, healthy.on_times.shape[1]
 
-    quiet = _fly(make, healthy, calibration.threshold, None, patience)
+    fault_free = _fly(make, healthy, calibration.threshold, None, patience)
     flown = _fly(make, faulty, calibration.threshold, identify, patience)
-    struck = faulty.onset < intervals * duration
-    delays = np.where(flown.found, flown.end - faulty.onset, np.inf)[struck]
-    missed = int((~flown.found[struck]).sum())
-    right = struck & flown.found & (flown.named == faulty.thruster)
-    rate = Rate.of(quiet.false_alarms, healthy.on_times.shape[0] * intervals, confidence)
+    affected = faulty.onset < intervals * duration
+    delays = np.where(flown.found, flown.end - faulty.onset, np.inf)[affected]
+    missed = int((~flown.found[affected]).sum())
+    right = affected & flown.found & (flown.named == faulty.thruster)
+    rate = Rate.of(fault_free.false_alarms, healthy.on_times.shape[0] * intervals, confidence)
     per_hour = (rate.value * 3600.0 / duration, rate.low * 3600.0 / duration, rate.high * 3600.0 / duration)
     identified, severity_error = None, None
     if identify is not None:
@@ -341,19 +333,19 @@ def evaluate(
         calibration=calibration,
         median_delay=_quantile(delays, 0.5),
         delay_90=_quantile(delays, 0.9),
-        missed=Rate.of(missed, int(struck.sum()), confidence),
+        missed=Rate.of(missed, int(affected.sum()), confidence),
         false_alarms=rate,
         false_alarms_per_hour=per_hour,
         hours_between_false_alarms=(_inverse(per_hour[0]), _inverse(per_hour[2]), _inverse(per_hour[1])),
-        isolated=Rate.of(int(right.sum()), int(struck.sum()) - missed, confidence),
-        confusion=_confusion(healthy, quiet, faulty, flown, struck),
+        isolated=Rate.of(int(right.sum()), int(affected.sum()) - missed, confidence),
+        confusion=_confusion(healthy, fault_free, faulty, flown, affected),
         identified=identified,
         severity_error=severity_error,
-        by_kind=_by_kind(faulty, flown, struck, confidence),
-        curve=_curve(make, calm, healthy, faulty, rates, confidence),
+        by_kind=_by_kind(faulty, flown, affected, confidence),
+        curve=_curve(make, validated, healthy, faulty, rates, confidence),
         update_time=_time_alone(make, healthy),
-        update_time_in_batch=quiet.seconds / (healthy.on_times.shape[0] * intervals),
-        flights=int(struck.sum()),
+        update_time_in_batch=fault_free.seconds / (healthy.on_times.shape[0] * intervals),
+        flights=int(affected.sum()),
         intervals=intervals,
         duration=duration,
     )
@@ -384,7 +376,7 @@ class _Flown:
 
 
 def _fly(
-    make: Callable[[int], Detector | NavigationDetector],
+    make: Callable[[int], AnyDetector],
     flights: RecordedFlights,
     threshold: float,
     identify: Identifier | None,
@@ -393,16 +385,18 @@ def _fly(
     """Fly them with resets after false alarms."""
     count, intervals = flights.on_times.shape[:2]
     flown = _Flown(count)
-    for first in range(0, count, _CHUNK):
-        part = slice(first, min(first + _CHUNK, count))
+    for first in range(0, count, FLOWN_TOGETHER):
+        part = slice(first, min(first + FLOWN_TOGETHER, count))
         detector = make(part.stop - part.start)
         detector.threshold = threshold
         detector.reset()
+        read = reader_of(detector)
         healthy = np.isinf(flights.onset[part])
         waiting = np.zeros(part.stop - part.start, np.bool_)
         for t in range(intervals):
+            telemetry = flights.telemetry(part, t)
             begin = time.perf_counter()
-            diagnosis = detector.update(**flights.step(part, t))
+            diagnosis = read(telemetry)
             flown.seconds += time.perf_counter() - begin
             end = flights.first_answer + t * flights.duration
             early = diagnosis.detected & (end <= flights.onset[part])
@@ -426,44 +420,30 @@ def _fly(
     return flown
 
 
-def _statistics(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> FloatArray:
-    """(flights, intervals): the statistic all along, without any alarm."""
-    count, intervals = flights.on_times.shape[:2]
-    found = np.empty((count, intervals))
-    for first in range(0, count, _CHUNK):
-        part = slice(first, min(first + _CHUNK, count))
-        detector = make(part.stop - part.start)
-        detector.threshold = math.inf
-        detector.reset()
-        for t in range(intervals):
-            found[part, t] = detector.update(**flights.step(part, t)).statistic
-    return found
-
-
 def _curve(
-    make: Callable[[int], Detector | NavigationDetector],
-    calm: FloatArray,
+    make: Callable[[int], AnyDetector],
+    validated: FloatArray,
     healthy: RecordedFlights,
     faulty: RecordedFlights,
     rates: Sequence[float],
     confidence: float,
 ) -> tuple[CurvePoint, ...]:
-    quiet, ill = _statistics(make, healthy), _statistics(make, faulty)
-    intervals, duration = quiet.shape[1], healthy.duration
+    fault_free, faulted = statistics_of(make, healthy), statistics_of(make, faulty)
+    intervals, duration = fault_free.shape[1], healthy.duration
     ends = healthy.first_answer + np.arange(intervals) * duration
-    struck = faulty.onset < intervals * duration
+    affected = faulty.onset < intervals * duration
     before = ends <= faulty.onset[:, np.newaxis]
     points = []
     for rate in rates:
         try:
-            threshold = threshold_for_rate(calm, rate, confidence).threshold
+            threshold = threshold_for_rate(validated, rate, confidence).threshold
         except ValueError:  # rarer than the validation flights can show
             continue
-        alarms = ill > threshold
-        counted = struck & ~(alarms & before).any(axis=1)
+        alarms = faulted > threshold
+        counted = affected & ~(alarms & before).any(axis=1)
         found = alarms[counted].any(axis=1)
         delays = np.where(found, ends[alarms[counted].argmax(axis=1)] - faulty.onset[counted], np.inf)
-        with_alarm = (quiet > threshold).any(axis=1).mean()
+        with_alarm = (fault_free > threshold).any(axis=1).mean()
         per_interval = -math.expm1(math.log1p(-with_alarm) / intervals) if with_alarm < 1.0 else 1.0
         points.append(
             CurvePoint(
@@ -479,23 +459,23 @@ def _curve(
 
 
 def _confusion(
-    healthy: RecordedFlights, quiet: _Flown, faulty: RecordedFlights, flown: _Flown, struck: BoolArray
+    healthy: RecordedFlights, fault_free: _Flown, faulty: RecordedFlights, flown: _Flown, affected: BoolArray
 ) -> tuple[tuple[int, ...], ...]:
     n = healthy.on_times.shape[2]
     matrix = np.zeros((n + 1, n + 2), np.int64)
-    for truth, result in ((healthy.thruster, quiet), (np.where(struck, faulty.thruster, -1), flown)):
+    for truth, result in ((healthy.thruster, fault_free), (np.where(affected, faulty.thruster, -1), flown)):
         named = np.where(result.found, np.where(result.named > 0, result.named, n + 1), 0)
         np.add.at(matrix, (truth[truth >= 0], named[truth >= 0]), 1)
     return tuple(tuple(int(one) for one in row) for row in matrix)
 
 
 def _by_kind(
-    faulty: RecordedFlights, flown: _Flown, struck: BoolArray, confidence: float
+    faulty: RecordedFlights, flown: _Flown, affected: BoolArray, confidence: float
 ) -> dict[str, tuple[Rate, float]]:
     kinds = np.array(faulty.kind)
     answer = {}
     for kind in sorted(set(faulty.kind)):
-        own = struck & (kinds == kind)
+        own = affected & (kinds == kind)
         if own.any():
             found = flown.found[own]
             delays = np.where(found, flown.end[own] - faulty.onset[own], np.inf)
@@ -505,16 +485,16 @@ def _by_kind(
     return answer
 
 
-def _time_alone(make: Callable[[int], Detector | NavigationDetector], flights: RecordedFlights) -> float:
+def _time_alone(make: Callable[[int], AnyDetector], flights: RecordedFlights) -> float:
     """Median of an update of a single vehicle, s."""
-    detector = make(1)
+    read = reader_of(make(1))
     taken = []
     for update in range(_TIMED_UPDATES):
         flight, t = divmod(update, flights.on_times.shape[1])
         flight %= flights.on_times.shape[0]
-        step = flights.step(slice(flight, flight + 1), t)
+        telemetry = flights.telemetry(slice(flight, flight + 1), t)
         begin = time.perf_counter()
-        detector.update(**step)
+        read(telemetry)
         taken.append(time.perf_counter() - begin)
     return float(np.median(taken))
 

@@ -1,23 +1,12 @@
 """A bank of filters: one for each thing that may be wrong, and how probable each of them is by now.
 
-Beside the filter that takes all thrusters as sound there are three for each thruster, which believe that it
-gives nothing, that it gives a stated share of its thrust, and that it is open all the time. They differ in
-the on-times that they take to have been delivered; each learns the effectiveness for itself. After an
-interval the weight of each is multiplied by the likelihood of its residual e_j with its covariance Y_j,
+Beside the healthy filter there are three for each thruster: off, weak by a stated share, open all the time.
+With the residual e_j and its covariance Y_j, the weights follow (Magill 1965; never below a floor)
 
-    log w_j <- log w_j - (e_j' Y_j^-1 e_j + log det Y_j) / 2,
+    log w_j <- log w_j - (e_j' Y_j^-1 e_j + log det Y_j) / 2.
 
-and all are scaled to sum to one (Magill 1965). Weights are kept as logarithms, since they fall by hundreds of
-orders of magnitude, and never below a floor, since a thruster that was sound for an hour may still fail.
-
-Of the mixture of all filters, `mixture` gives mean and covariance of what the thrusters do per second of
-command: that of each filter, and the spread of their means (Bar-Shalom, Li and Kirubarajan 2001).
-
-The statistic is the log-odds of any fault against none, counted from the least that the floor allows, which
-is where a bank begins and where it comes to rest while nothing is wrong.
-
-Tuning knobs: the threshold on it; the floor, which bounds how much evidence is remembered; the share of the
-weak hypothesis. Costs three filters per thruster.
+The statistic is the log-odds of any fault against none, counted from the least that the floor allows.
+`mixture` gives mean and covariance of what the thrusters do (Bar-Shalom, Li and Kirubarajan 2001).
 
 Left out: several faults at once, shares between those of the hypotheses (the nearest wins), the coupling of a
 thruster that opens in part.
@@ -32,11 +21,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
+from thruster_baselines.estimation import Innovation
 from thruster_baselines.mapping.coupling import convert
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FilterBank"]
@@ -84,9 +75,7 @@ class FilterBank(BaseDetector):
         if not 0.0 < floor < 1.0:
             raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
         self.weak_share, self._floor = weak_share, floor
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:
             raise ValueError(
@@ -126,6 +115,10 @@ class FilterBank(BaseDetector):
         best = self.log_weights.argmax(axis=1)
         return [KINDS[(h - 1) % len(KINDS)] if h > 0 else "none" for h in best]
 
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
+        names = {"none": "", "off": "stuck_off", "weak": "loss", "on": "stuck_on"}
+        return tuple(names[kind] if one else "" for kind, one in zip(self.kind, detected, strict=True))
+
     def mixture(self, vehicle: int = 0) -> tuple[FloatArray, FloatArray]:
         """What the thrusters of a vehicle give for each second of command.
 
@@ -155,7 +148,7 @@ class FilterBank(BaseDetector):
         spread = means - mean
         return mean.reshape(n, m).T, within + (spread.T * weights) @ spread
 
-    def _judge(self, interval: Interval) -> Diagnosis:
+    def _diagnose(self, interval: Interval) -> Verdict:
         count, n = interval.on_times.shape
         each = len(KINDS) * n
         delivered = np.empty((count, each, n))
@@ -167,14 +160,9 @@ class FilterBank(BaseDetector):
         innovation = self._bank.advance(
             rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
         )
-        suspicion, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _weigh(
-            interval.residual, interval.covariance, innovation.residual, innovation.covariance,
-            interval.valid, interval.on_times, interval.duration, self.weak_share, np.log(self._floor),
-            self.log_weights, suspicion, shortfall, statistic, blamed,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, suspicion, shortfall)
+        scores = Scores.of(interval)
+        _weigh(interval, innovation, self.weak_share, np.log(self._floor), self.log_weights, scores)
+        return self._answer(scores)
 
 
 @kernel(nogil=True)
@@ -205,33 +193,27 @@ def _hypothetical(
 
 @kernel(nogil=True)
 def _weigh(
-    sound_residual: FloatArray,
-    sound_covariance: FloatArray,
-    residual: FloatArray,
-    covariance: FloatArray,
-    valid: BoolArray,
-    on_times: FloatArray,
-    duration: float,
+    interval: Interval,
+    bank: Innovation,
     weak: float,
     floor: float,
     log_weights: FloatArray,
-    suspicion: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
+    scores: Scores,
 ) -> None:
-    m, n = sound_residual.shape[1], on_times.shape[1]
+    on_times, duration = interval.on_times, interval.duration
+    statistic, blamed, suspicion, shortfall = scores
+    m, n = interval.residual.shape[1], on_times.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
     for v in range(on_times.shape[0]):
-        if not valid[v]:
+        if not interval.valid[v]:
             continue
         weights = log_weights[v]
         for h in range(1 + 3 * n):
             if h == 0:
-                whiten(sound_covariance[v], sound_residual[v], none, root, e, a)
+                whiten(interval.covariance[v], interval.residual[v], none, root, e, a)
             else:
                 at = v * 3 * n + h - 1
-                whiten(covariance[at], residual[at], none, root, e, a)
+                whiten(bank.covariance[at], bank.residual[at], none, root, e, a)
             for k in range(m):
                 weights[h] -= 0.5 * e[k] * e[k] + np.log(root[k, k])
         _normalise(weights)

@@ -23,6 +23,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from thruster_baselines.detection.contract import Telemetry
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
@@ -74,8 +75,8 @@ class RecordedFlights(Protocol):
         """(flights,), s since the start; infinite in a healthy flight."""
         ...
 
-    def step(self, flights: slice, interval: int) -> dict[str, Any]:
-        """The arguments of a detector's `update` for one interval or sample of some of them."""
+    def telemetry(self, flights: slice, interval: int) -> Telemetry:
+        """What a detector is given of one interval or sample of some of them."""
         ...
 
 
@@ -115,6 +116,10 @@ class Flights:
     def first_answer(self) -> float:
         """The end of the first interval, s."""
         return self.duration
+
+    def telemetry(self, flights: slice, interval: int) -> Telemetry:
+        """What a detector is given of one interval of some of them."""
+        return Telemetry(**self.step(flights, interval))
 
     def step(self, flights: slice, interval: int) -> dict[str, Any]:
         """The arguments of `Detector.update` for one interval of some of them."""

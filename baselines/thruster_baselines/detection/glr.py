@@ -1,27 +1,18 @@
 """The generalised likelihood ratio test: whose lost or extra firing explains the residual best.
 
-For each thruster i with the column a_i of the effectiveness, believed before the measurement, the residual e
-of one interval is taken as noise of covariance Y plus a_i nu_i with an unknown number of seconds nu_i. The
-largest likelihood over nu_i, against that of no fault, gives (Yang 2003, eqs. 67-71)
+With the column a_i of the effectiveness, the residual e of one interval and its covariance Y, thruster i has
+lost or added nu_i seconds of firing (Yang 2003, eqs. 67-71; eq. 83 prints S_i without the inverse):
 
     chi_i = a_i' Y^-1 e,   S_i = a_i' Y^-1 a_i,   nu_i = chi_i / S_i,   l_i = chi_i^2 / S_i.
 
-The thruster with the largest l_i is blamed if that exceeds the threshold. Eq. 83 of the source prints S_i
-without the inverse, which makes every l_i smaller by five orders of magnitude; eq. 69 is right.
+The thruster with the largest l_i is isolated if that exceeds the threshold: by default what healthy vehicles
+exceed at a stated rate, interval by interval (`healthy_limits`), never below the source's 5.5e-5, which
+belongs to its noise and to 1 s. The default knows of errors of zero mean only: with `PhysicalNoise` a bias of
+one standard deviation of Orion's sensors gives 0.04 % alarms and one of three 5.7 % (0.1 % and 19 % where
+nothing fires); with the source's noise neither gives any. l_i does not see the sign of nu_i, so that
+thrusters of like force and opposite torque (1 and 10 of Orion) are hardly told apart; `sign_gate` helps.
 
-The tuning knob is the threshold. The source's 5.5e-5 belongs to its noise and to intervals of 1 s: at 5 s it
-is exceeded in 6 % of healthy ones. So without a threshold it follows, interval by interval, from a stated
-rate of false alarms and from what fired (`thruster_baselines.detection.healthy_limits`), at any duration, and
-is never below the source's; `calibration.threshold_for_rate` finds one from healthy data. l_i does not see
-the sign of nu_i, so that thrusters with the same force and opposite torque (1 and 10 of Orion) are told apart
-by little; `sign_gate` leaves out who cannot have done it.
-
-A default threshold knows of errors of zero mean only. A constant bias of all axes of the rate change looks
-like a fault: with `PhysicalNoise`, one of one standard deviation of Orion's sensors gives 0.04 % alarms and
-one of three 5.7 % in random firings of 1 s or 5 s, and 0.1 % and 19 % where nothing fires. With the source's
-noise, whose threshold is higher, neither gives any.
-
-Left out: faults that show only over several intervals (`WindowedGLR`), several new faults at once, faults
+Left out: faults that show over several intervals only (`WindowedGLR`), several new faults at once, faults
 that turn a thrust.
 """
 
@@ -34,14 +25,15 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, whiten
+from thruster_baselines.detection.base import Interval, Scores, whiten
 from thruster_baselines.detection.calibration import chi_squared_threshold
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
 from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, FilterSettings
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SOURCE_THRESHOLD", "GLRDetector"]
@@ -102,17 +94,10 @@ class GLRDetector(LimitedDetector):
             spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, **settings
         )  # fmt: skip
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        count, n = interval.on_times.shape
-        ratio, seconds = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        work = partial(
-            _ratios, interval.residual, interval.covariance, interval.effectiveness, interval.valid,
-            self._dead, interval.commanded, interval.duration, self.sign_gate, ratio, seconds, statistic,
-            blamed,
-        )  # fmt: skip
-        in_threads(work, count)
-        return self._answer(statistic, blamed, ratio, seconds, self._limits_of(interval))
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        in_threads(partial(_ratios, interval, self.sign_gate, scores), len(scores.statistic))
+        return self._answer(scores, self._limits_of(interval))
 
     def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
         return healthy.of_ratio(
@@ -131,29 +116,16 @@ def _least(spacecraft: Spacecraft | ArrayLike, noise: PhysicalNoise | ArrayLike)
 
 
 @kernel(nogil=True)
-def _ratios(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    commanded: FloatArray,
-    duration: float,
-    sign_gate: bool,
-    ratio: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
-    first: int,
-    last: int,
-) -> None:
+def _ratios(interval: Interval, sign_gate: bool, scores: Scores, first: int, last: int) -> None:
+    commanded, duration, effectiveness = interval.commanded, interval.duration, interval.effectiveness
+    statistic, blamed, ratio, shortfall = scores
     m, n = effectiveness.shape[1:]
     root, e, a = np.empty((m, m)), np.empty(m), np.empty((m, n))
     chi, size = np.empty(n), np.empty(n)
     for v in range(first, last):
-        if not valid[v]:
+        if not interval.valid[v]:
             continue
-        whiten(covariance[v], residual[v], effectiveness[v], root, e, a)
+        whiten(interval.covariance[v], interval.residual[v], effectiveness[v], root, e, a)
         for i in range(n):
             chi[i] = size[i] = 0.0
         for k in range(m):
@@ -161,7 +133,7 @@ def _ratios(
                 chi[i] += a[k, i] * e[k]
                 size[i] += a[k, i] * a[k, i]
         for i in range(n):
-            if dead[v, i] or size[i] == 0.0:
+            if interval.excluded[v, i] or size[i] == 0.0:
                 continue
             seconds = chi[i] / size[i]
             shortfall[v, i] = -seconds

@@ -1,20 +1,9 @@
 """What the statistics of healthy thrusters exceed at a stated rate, interval by interval: default thresholds.
 
-`GLRDetector` and `EstimatorThreshold` look at projections d'e of a residual, one direction d for each
-thruster. With healthy thrusters the residual is e = v + (A - A_est) u: the errors v of the sensors and by the
-scatter of what fired, as the description of the vehicle has them (`PhysicalNoise`), and what the filter has
-wrongly learned from them before. So the variance of each d'e follows from the on-times, whatever noise the
-filter assumes. Most of it is scatter and grows with the square of the on-times: with the source's R = 10,
-which is not the size of any error, no fixed threshold holds at every duration.
-
-The limit x of the likelihood ratio's root is where sum over i of P(|d_i' e| > x) is the stated rate, for a
-normal e: no more than that rate however the projections depend on each other, and less for the uniform
-scatter of the environments, whose tails are shorter.
-
-What the filter has learned wrongly is followed: with its gain k the error obeys E <- E (I - k u') + v k', so
-that the variance of E u along any direction is at most u' M u with M <- (I - k u') M (I - k u')' + c k k', c
-the largest variance of v along the direction of a thruster. That two consecutive rate changes share a
-velocity measurement, with errors of opposite sign, is counted where it makes the variance larger.
+For each projection d_i'e of a healthy residual, the variance follows from the on-times, by sensors and
+scatter as described (`PhysicalNoise`) and by what the filter has wrongly learned before. The limit x of the
+root of the likelihood ratio is where sum over i of P(|d_i' e| > x) is the stated rate, for a normal e: no
+more than that rate however the projections depend on each other (docs/derivations/healthy_limits.md).
 
 Left out: biases of sensors, free motion that was not taken off, thrusters that are not as described.
 """
@@ -24,7 +13,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
@@ -134,12 +123,34 @@ class HealthyLimits:
         limit: FloatArray, deviation: FloatArray, least: float, shares: bool,
     ) -> None:  # fmt: skip
         covariance, variance = self._filter.shared_covariance()
-        work = partial(
-            _propagate, on_times, metric, effectiveness, valid, covariance, variance, self._noise.sensors,
-            self._noise.effectiveness, self._noise.scatter, self._rate, self._one, least, shares, self._wrong,
-            self._gain, limit, deviation,
-        )  # fmt: skip
+        noise = self._noise
+        test = _Test(on_times, metric, effectiveness, valid, self._rate, self._one, least, shares)
+        errors = _Errors(noise.sensors, noise.effectiveness, noise.scatter, covariance, variance)
+        work = partial(_propagate, test, errors, self._wrong, self._gain, limit, deviation)
         in_threads(work, len(on_times))
+
+
+class _Test(NamedTuple):
+    """What is tested in an interval: (vehicles, ...), the rate with its quantile, and what is asked for."""
+
+    on_times: FloatArray
+    metric: FloatArray
+    effectiveness: FloatArray
+    valid: BoolArray
+    rate: float
+    quantile: float
+    least: float
+    shares: bool
+
+
+class _Errors(NamedTuple):
+    """Variances of the sensors (m,), columns (m, n), scatter (n,), and the filter's covariance and noise."""
+
+    sensors: FloatArray
+    columns: FloatArray
+    scatter: FloatArray
+    covariance: FloatArray
+    noise: float
 
 
 class LimitedDetector(BaseDetector):
@@ -172,9 +183,7 @@ class LimitedDetector(BaseDetector):
             spacecraft = load(spacecraft)
         self._healthy: HealthyLimits | None = None
         self._without = False
-        super().__init__(
-            spacecraft, least if threshold is None else threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, least if threshold is None else threshold, **settings)
         self.limit = np.full(self._vehicles, self._threshold)
         if threshold is not None:
             return
@@ -227,19 +236,8 @@ class LimitedDetector(BaseDetector):
 
 @kernel(nogil=True)
 def _propagate(
-    on_times: FloatArray,
-    metric: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    covariance: FloatArray,
-    noise: float,
-    sensors: FloatArray,
-    columns: FloatArray,
-    scatter: FloatArray,
-    rate: float,
-    quantile: float,
-    least: float,
-    shares: bool,
+    test: _Test,
+    errors: _Errors,
     wrong: FloatArray,
     gain: FloatArray,
     limit: FloatArray,
@@ -248,6 +246,8 @@ def _propagate(
     last: int,
 ) -> None:
     """Limits of the ratio (vehicles,), deviations of the shares (vehicles, n); `wrong` and `gain` go on."""
+    on_times, metric, effectiveness, valid, rate, quantile, least, shares = test
+    sensors, columns, scatter, covariance, noise = errors
     m, n = columns.shape
     learns = covariance.shape[0] > 0
     root, none, white = np.empty((m, m)), np.empty(m), np.empty((m, n))

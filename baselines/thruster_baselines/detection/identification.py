@@ -1,28 +1,12 @@
-"""What is wrong with a thruster that a detector has named: model comparison, and a severity by least squares.
+"""What is wrong with an isolated thruster: model comparison, and a severity by least squares.
 
-Model comparison (Yang 2003, section 5.3.1) asks which of a few models of the fault leaves the smallest
-residual: for each one the rate change is predicted, and the squared distance from what was measured, weighed
-by the inverse of the detector's covariance Y, is its statistic. The models of thruster i, with its effective
-on-time u_i in an interval of length T:
+For each model of the fault (none, stuck off or on, losses, leaks, and if asked for tilts) the rate change is
+predicted with the shared feed; the statistic is the squared distance from what was measured, weighed by the
+inverse of the detector's covariance Y (Yang 2003, section 5.3.1), and infinite where the model cannot be told
+from no fault in this interval. Least squares beside it fit the share, with its standard deviation. A thruster
+that is stuck on fires for the whole interval, not for the longest on-time of 5 s (section 6.4.4).
 
-- no fault;
-- stuck off: its on-time is 0;
-- loss: it gives a share d of its thrust, for each of a few levels d;
-- leak: it lets a share of full thrust through while it is shut, for each of a few levels;
-- stuck on: it fires for all of T. The source takes the longest on-time that may be commanded, 5 s, even where
-  the interval is 1 s (Yang 2003, section 6.4.4); an interval cannot hold more than its own length;
-- misalignment, beyond the source and only if asked for: its thrust is tilted by one of a few angles, to one
-  of a few sides.
-
-What cannot be told from no fault in this interval, a loss of a thruster that was not fired, a leak of one
-that fired all the time, is left out, with an infinite statistic. With a dead valve the others get more from
-the shared feed, and with one stuck open less; both are in the prediction.
-
-Least squares beside it puts no levels on the size: the share that fits the residual best, with its standard
-deviation as far as Y is the covariance of the residual, cut to what is possible.
-
-Left out: faults that come late, or that turn a thrust where no `tilts` are asked for, which none of the
-models fits; look at `statistic` then.
+Left out: faults that come late; look at `statistic` then.
 """
 
 from __future__ import annotations
@@ -32,6 +16,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +26,7 @@ from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.kinds import CODES
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, FloatArray, IntArray
+from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["Identification", "ModelComparison", "Severity", "least_squares_severity"]
@@ -164,11 +149,8 @@ class ModelComparison:
         count = named.size
         statistic = np.zeros((count, self._codes.size))
         best = np.zeros(count, np.int64)
-        _compare(
-            interval.rate_change, interval.commanded, interval.effectiveness, interval.covariance,
-            interval.valid & (named > 0), named - 1, interval.duration, self._shares, self._codes,
-            self._levels, self._turned, statistic, best,
-        )  # fmt: skip
+        models = _Models(self._codes, self._levels, self._turned)
+        _compare(interval, named, self._shares, models, statistic, best)
         return Identification(tuple(self.models[one][0] for one in best), self._levels[best], statistic)
 
 
@@ -188,10 +170,7 @@ def least_squares_severity(interval: Interval, thruster: ArrayLike) -> Severity:
     """
     named = _named(interval, thruster)
     seconds, variance = np.zeros(named.size), np.full(named.size, np.inf)
-    _seconds(
-        interval.residual, interval.covariance, interval.effectiveness, interval.valid & (named > 0),
-        named - 1, seconds, variance,
-    )  # fmt: skip
+    _seconds(interval, named, seconds, variance)
     rows = np.arange(named.size)
     fired = interval.on_times[rows, named - 1]
     spare = interval.duration - interval.commanded[rows, named - 1]
@@ -231,33 +210,36 @@ def _named(interval: Interval | None, thruster: ArrayLike) -> IntArray:
     return named
 
 
+class _Models(NamedTuple):
+    """Codes and levels (models,), and of tilts the changes of effectiveness (tilts, m, n)."""
+
+    codes: IntArray
+    levels: FloatArray
+    turned: FloatArray
+
+
 @kernel(nogil=True)
 def _compare(
-    measured: FloatArray,
-    commanded: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    there: BoolArray,
+    interval: Interval,
     named: IntArray,
-    duration: float,
     shares: FloatArray,
-    codes: IntArray,
-    levels: FloatArray,
-    turned: FloatArray,
+    models: _Models,
     statistic: FloatArray,
     best: IntArray,
 ) -> None:
+    effectiveness, duration = interval.effectiveness, interval.duration
+    codes, levels, turned = models
     m, n = effectiveness.shape[1:]
     first_turned = codes.size - turned.shape[0]
     order = np.empty(n, np.int64)
     delivered = np.empty((3, n))  # as told, shut, open all the time
     left, rest, white = np.empty((m, 3)), np.empty((m, codes.size)), np.empty((m, codes.size))
     root, e = np.empty((m, m)), np.empty(m)
-    for v in range(measured.shape[0]):
-        if not there[v]:
+    for v in range(named.size):
+        if not interval.valid[v] or named[v] == 0:
             continue
-        i = named[v]
-        told = commanded[v].copy()
+        i = named[v] - 1
+        told = interval.commanded[v].copy()
         own = told[i]
         convert(told, shares, order, True, delivered[0])
         told[i] = 0.0
@@ -266,7 +248,7 @@ def _compare(
         convert(told, shares, order, True, delivered[2])
         for k in range(m):
             for way in range(3):
-                left[k, way] = measured[v, k]
+                left[k, way] = interval.rate_change[v, k]
                 for j in range(n):
                     left[k, way] -= effectiveness[v, k, j] * delivered[way, j]
         for model in range(codes.size):
@@ -283,7 +265,7 @@ def _compare(
                     rest[k, model] += level * (left[k, 2] - left[k, 0])
                 elif kind == code.MISALIGNMENT:
                     rest[k, model] -= turned[model - first_turned, k, i] * delivered[0, i]
-        whiten(covariance[v], left[:, 0], rest, root, e, white)
+        whiten(interval.covariance[v], left[:, 0], rest, root, e, white)
         for model in range(codes.size):
             kind = codes[model]
             opens = kind == code.STUCK_ON or kind == code.LEAK
@@ -299,22 +281,14 @@ def _compare(
 
 
 @kernel(nogil=True)
-def _seconds(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    there: BoolArray,
-    named: IntArray,
-    seconds: FloatArray,
-    variance: FloatArray,
-) -> None:
-    m = residual.shape[1]
+def _seconds(interval: Interval, named: IntArray, seconds: FloatArray, variance: FloatArray) -> None:
+    m = interval.residual.shape[1]
     root, e, a, column = np.empty((m, m)), np.empty(m), np.empty((m, 1)), np.empty((m, 1))
-    for v in range(residual.shape[0]):
-        if not there[v]:
+    for v in range(named.size):
+        if not interval.valid[v] or named[v] == 0:
             continue
-        column[:, 0] = effectiveness[v, :, named[v]]
-        whiten(covariance[v], residual[v], column, root, e, a)
+        column[:, 0] = interval.effectiveness[v, :, named[v] - 1]
+        whiten(interval.covariance[v], interval.residual[v], column, root, e, a)
         along, square = 0.0, 0.0
         for k in range(m):
             along += a[k, 0] * e[k]

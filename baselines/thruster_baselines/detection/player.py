@@ -1,19 +1,12 @@
 """Any detector as a player of the diagnosis tasks, and any player as a detector.
 
-`DetectorPlayer`: observation in, hypothesis out. The detector says when something is wrong. Who it is and how
-it fails is asked of the model comparison (Yang 2003, section 5.3.1), over all periods and not over one: for
-each thruster and each model the log-likelihood ratio against no fault is added up from period to period, and
-begins anew where it falls below zero, since nobody knows the onset (Page 1954). From the first alarm on, the
-hypothesis with the largest sum is declared, until none is left that is twenty times as likely as no fault.
-Where a kind has several models, for losses of several sizes or tilts to several sides, each of them has its
-share of the kind's prior probability. In `ActiveDiagnosis-v0` it fires the shortest test pulse of one
-thruster after the other, as long as the budget lasts.
+`DetectorPlayer`: after the detector's first alarm the likeliest thruster and kind are declared, by sums over
+all periods of the log-likelihood ratio of each model (Yang 2003, section 5.3.1) that restart at zero (Page
+1954), until none is twenty times as likely as no fault. The prior of a kind is shared by its models. In
+`ActiveDiagnosis-v0` it fires the shortest test pulse of one thruster after the other.
 
-`PlayerDetector` is for the yardstick (`thruster_baselines.detection.evaluate`): a policy, learned or not,
-that was made for `FaultDiagnosis-v0` is asked what it declares in flights that were recorded with their
-observations, and a declared thruster is an alarm. Its threshold has nothing to sweep, so that calibration
-only finds out whether it keeps to the stated rate: one that alarms more often is given a threshold that it
-never exceeds.
+`PlayerDetector`: what a policy for `FaultDiagnosis-v0` declares in recorded flights is an alarm. There is no
+threshold to sweep; one that alarms more often than stated gets a threshold that it never exceeds.
 
 Left out: several faulty thrusters, faults that heal, that a wrong name costs more than a late one.
 """
@@ -28,13 +21,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import ObservedFiring, reader_with
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
 from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_envs.faults import mode_of
-from thruster_envs.protocols import Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["DetectorPlayer", "PlayerDetector"]
@@ -177,18 +171,18 @@ class PlayerDetector:
 
     def update(
         self,
-        on_times: ArrayLike,
-        rate_change: ArrayLike,  # noqa: ARG002 - it stands in the observation, too
-        duration: float,
+        on_times: Telemetry | ArrayLike,
+        rate_change: ArrayLike | None = None,  # noqa: ARG002 - it stands in the observation, too
+        duration: float = 0.0,
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,  # noqa: ARG002 - an environment's measurements are never late
         observation: NDArray[np.float32] | None = None,
-    ) -> Diagnosis:
+    ) -> Verdict:
         """Take in one interval, as it was observed.
 
         Args:
-            on_times: (vehicles, n), s.
+            on_times: `Telemetry` with all of it, or (vehicles, n), s.
             rate_change: (vehicles, m).
             duration: s.
             valid: (vehicles,), where the observation counts.
@@ -198,6 +192,10 @@ class PlayerDetector:
         Raises:
             ValueError: No observation.
         """
+        if isinstance(on_times, Telemetry):
+            told = on_times
+            on_times, duration = told.need("on_times"), told.duration
+            valid, observation = told.valid, told.observation
         if observation is None:
             raise ValueError(
                 "observation is None; flights that hold them (EnvironmentFlights(observed=True)) would be "
@@ -213,8 +211,8 @@ class PlayerDetector:
         there = np.ones(len(seen), np.bool_) if valid is None else np.asarray(valid, dtype=np.bool_)
         statistic = np.where(there & (self.declared[:, 0] > 0), 1.0, 0.0)
         detected = statistic > self.threshold
-        nothing = np.zeros(np.shape(on_times))
-        return Diagnosis(
+        nothing = np.zeros(np.shape(np.asarray(on_times)))
+        return Verdict(
             detected, np.where(detected, self.declared[:, 0], 0), statistic, self.time.copy(), nothing,
             nothing.copy(),
         )  # fmt: skip

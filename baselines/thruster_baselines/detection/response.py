@@ -11,9 +11,15 @@ recovery of a thruster that nobody fires any more.
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thruster_baselines.belief import ActuatorBelief
+from thruster_baselines.detection.calibration import threshold_for
+from thruster_baselines.detection.checks import mask_of
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -56,26 +62,48 @@ class ResponseTest:
         self._whitened = spacecraft.effectiveness() / np.maximum(noise, smallest)[:, np.newaxis]
         self._noise = np.maximum(noise, smallest)
         self._square = np.square(self._whitened).sum(axis=0)
+        self._nominal = spacecraft.effectiveness()
         self.threshold = float(threshold)
         self.reset(vehicles)
 
-    def reset(self, vehicles: int) -> None:
-        """Begin anew with that many vehicles, all believed healthy."""
-        self.health: FloatArray = np.ones((vehicles, self._square.size))
-        self.statistic: FloatArray = np.zeros(vehicles)
+    def reset(self, vehicles: int | ArrayLike | None = None) -> None:
+        """Restart with that many vehicles, all believed healthy; or those of a mask (vehicles,), or all."""
+        if isinstance(vehicles, int):
+            self.health: FloatArray = np.ones((vehicles, self._square.size))
+            self.statistic: FloatArray = np.zeros(vehicles)
+            self.time: FloatArray = np.zeros(vehicles)
+            return
+        mask = mask_of(vehicles, self.time.size)
+        self.health[mask], self.statistic[mask], self.time[mask] = 1.0, 0.0, 0.0
 
-    def update(self, on_times: ArrayLike, difference: ArrayLike) -> FloatArray:
+    @property
+    def belief(self) -> ActuatorBelief:
+        """What is believed of the thrusters, (vehicles, n)."""
+        return ActuatorBelief.of_shares(self.health)
+
+    @overload
+    def update(self, on_times: Telemetry, /) -> Verdict: ...
+
+    @overload
+    def update(self, on_times: ArrayLike, difference: ArrayLike) -> FloatArray: ...
+
+    def update(
+        self, on_times: Telemetry | ArrayLike, difference: ArrayLike | None = None
+    ) -> Verdict | FloatArray:
         """Revise the belief after one firing.
 
         Args:
-            on_times: (vehicles, n), s: what each thruster was told.
+            on_times: `Telemetry` with on-times, measured and (the nominal vehicle's by default) expected rate
+                change, or (vehicles, n), s: what each thruster was told.
             difference: (vehicles, 6): measured minus expected rate change, m/s and rad/s, body axes;
                 expected of the nominal vehicle.
 
         Returns:
-            (vehicles, n), the believed health. Where the test finds nobody to blame, it is what it was
-            before.
+            (vehicles, n), the believed health, where arrays are given. Where the test finds nobody to blame,
+            it is what it was before.
         """
+        if isinstance(on_times, Telemetry):
+            return self._diagnose(on_times)
         told = np.atleast_2d(np.asarray(on_times, dtype=np.float64))
         missing = -np.atleast_2d(np.asarray(difference, dtype=np.float64)) / self._noise
         along = missing @ self._whitened
@@ -89,29 +117,19 @@ class ResponseTest:
         self.health[everyone[found], blamed[found]] = 1.0 - lost[everyone[found], blamed[found]]
         return self.health
 
-
-def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> float:
-    """Threshold that a stated share of healthy episodes exceeds at least once.
-
-    Args:
-        false_alarm_rate: Share of episodes, above 0 and below 1.
-        healthy_statistics: (episodes, firings), :attr:`ResponseTest.statistic` after each firing of a
-            healthy vehicle.
-
-    Raises:
-        ValueError: A rate outside of (0, 1), or too few episodes to tell such a rate.
-
-    >>> threshold_for(0.25, [[0.0, 1.0], [2.0, 0.0], [3.0, 1.0], [4.0, 2.0]])
-    3.25
-    """
-    if not 0.0 < false_alarm_rate < 1.0:
-        raise ValueError(
-            f"false_alarm_rate is {false_alarm_rate}; a number above 0 and below 1 would be right"
-        )
-    largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
-    if largest.size * false_alarm_rate < 1.0:
-        raise ValueError(
-            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; "
-            f"{int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
-        )
-    return float(np.quantile(largest, 1.0 - false_alarm_rate))
+    def _diagnose(self, seen: Telemetry) -> Verdict:
+        told = np.asarray(seen.need("on_times"), dtype=np.float64)
+        given = seen.expected_change
+        expected = told @ self._nominal.T if given is None else np.asarray(given, dtype=np.float64)
+        difference = np.asarray(seen.need("rate_change"), dtype=np.float64) - expected
+        there = mask_of(seen.valid, len(told)) & np.isfinite(difference).all(axis=1)
+        health = self.update(np.where(there[:, np.newaxis], told, 0.0), np.nan_to_num(difference)).copy()
+        self.time += seen.duration
+        detected = self.statistic > self.threshold
+        lost = np.where(detected[:, np.newaxis], 1.0 - health, 0.0)
+        suspicion = np.where(lost > 0.0, self.statistic[:, np.newaxis], 0.0)
+        kind = np.where(lost.max(axis=1) == 1.0, "stuck_off", "loss")
+        return Verdict(
+            detected, np.where(detected, lost.argmax(axis=1) + 1, 0), self.statistic, self.time.copy(),
+            suspicion, lost * told, tuple(np.where(detected, kind, "").tolist()),
+        )  # fmt: skip

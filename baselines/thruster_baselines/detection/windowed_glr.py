@@ -1,39 +1,29 @@
-"""The generalised likelihood ratio over a window: who failed, how, how badly, and since when.
+"""The generalised likelihood ratio over a window: whose lasting fault began when, and how large it is.
 
-Willsky and Jones (1976) put two more unknowns into the likelihood ratio than the test of one interval has:
-the interval j in which the fault began, somewhere among the last W, and a size that is the same since then.
-Here a fault of thruster i either loses the share q of its thrust, or lets the share q of full thrust through
-while the thruster was told to be shut (a stuck valve for q = 1, a leak below). In interval t with the
-effective on-time u_ti and the duration T_t it adds q f_ti to the residual, with
+A fault of thruster i from interval j on adds q f_ti to the residual e_t: f_ti = -u_ti a_i for a loss, (T_t -
+u_ti) a_i for thrust without command. With c = sum over t >= j of f' Y_t^-1 e_t and s the same sum of f'
+Y_t^-1 f, q = c / s cut to 0 to 1, twice the log-likelihood against no fault is 2 q c - q^2 s; the largest
+over thrusters, kinds and onsets is the statistic. A longer window finds smaller faults, and takes longer to
+forget the time before an onset.
 
-    f_ti = -u_ti a_i   (loss),        f_ti = (T_t - u_ti) a_i   (thrust without command).
-
-With c = sum over t >= j of f_ti' Y_t^-1 e_t and s the same sum of f_ti' Y_t^-1 f_ti, the likelihood is
-largest at q = c / s, cut to what a share can be, which is 0 to 1, and twice its logarithm against no fault
-is 2 q c - q^2 s. The largest over thrusters, the two kinds and the onsets is the statistic.
-
-Tuning knobs: the threshold, and the window. A longer one finds smaller faults, and takes longer to forget the
-time before the onset of a fault that it had ruled out; one interval alone is `GLRDetector` with its signs
-and sizes held to what is possible.
-
-Exact where the filter does not learn, which is the default with `PhysicalNoise`; a filter that learns takes
-part of a lasting fault into its estimate, and the window sees that much less of it. Left out: that
-consecutive rate changes share a velocity measurement, so that their errors partly cancel in the sum.
+Exact where the filter does not learn (the default with `PhysicalNoise`). Left out: that consecutive rate
+changes share a velocity measurement.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["EXCESS", "LOSS", "WindowedGLR", "evidence"]
@@ -79,9 +69,7 @@ class WindowedGLR(BaseDetector):
         if window < 1:
             raise ValueError(f"window is {window}; one interval or more would be right")
         self.window = window
-        super().__init__(
-            spacecraft, threshold, **settings
-        )  # fmt: skip
+        super().__init__(spacecraft, threshold, **settings)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():
@@ -96,45 +84,45 @@ class WindowedGLR(BaseDetector):
         self._filled[mask] = 0
         self.onset[mask], self.share[mask], self.excess[mask] = 0.0, 0.0, False
 
-    def _judge(self, interval: Interval) -> Diagnosis:
-        count, n = interval.on_times.shape
-        ratio, shortfall = np.zeros((count, n)), np.zeros((count, n))
-        statistic, blamed = np.zeros(count), np.zeros(count, np.int64)
-        _over_the_window(
-            interval.residual, interval.covariance, interval.effectiveness, interval.valid, self._dead,
-            interval.on_times, interval.duration, self.time, self._sums, self._starts, self._filled,
-            ratio, shortfall, statistic, blamed, self.onset, self.share, self.excess,
-        )  # fmt: skip
-        return self._answer(statistic, blamed, ratio, shortfall)
+    def _diagnose(self, interval: Interval) -> Verdict:
+        scores = Scores.of(interval)
+        memory = _Window(self._sums, self._starts, self._filled, self.onset, self.share, self.excess)
+        _over_the_window(interval, self.time, memory, scores)
+        return self._answer(scores)
+
+    def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
+        said = np.where(self.excess, "stuck_on", np.where(self.share == 1.0, "stuck_off", "loss"))
+        return tuple(np.where(detected, said, "").tolist())
+
+
+class _Window(NamedTuple):
+    """Sums (vehicles, window, 4, n), starts, how many are filled, and of the likeliest fault what it is."""
+
+    sums: FloatArray
+    starts: FloatArray
+    filled: IntArray
+    onset: FloatArray
+    share: FloatArray
+    excess: BoolArray
 
 
 @njit(error_model="numpy")
 def evidence(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    on_times: FloatArray,
-    duration: float,
-    root: FloatArray,
-    e: FloatArray,
-    a: FloatArray,
-    row: FloatArray,
+    interval: Interval, v: int, root: FloatArray, e: FloatArray, a: FloatArray, row: FloatArray
 ) -> None:
-    """What one interval says of a fault of size one of each thruster: c and s of both kinds.
+    """What one interval says of a fault of size one of each thruster of vehicle v: c and s of both kinds.
 
     Args:
-        residual: (m,).
-        covariance: (m, m).
-        effectiveness: (m, n).
-        on_times: (n,), s, effective.
-        duration: s.
+        interval: Of all vehicles.
+        v: Index of the vehicle.
         root: (m, m), scratch.
         e: (m,), scratch.
         a: (m, n), scratch.
         row: (4, n), written: c and s of a loss, c and s of thrust without command.
     """
+    effectiveness, on_times, duration = interval.effectiveness[v], interval.on_times[v], interval.duration
     m, n = effectiveness.shape
-    whiten(covariance, residual, effectiveness, root, e, a)
+    whiten(interval.covariance[v], interval.residual[v], effectiveness, root, e, a)
     for i in range(n):
         row[0, i] = row[1, i] = 0.0
     for k in range(m):
@@ -151,36 +139,18 @@ def evidence(
 
 
 @kernel(nogil=True)
-def _over_the_window(
-    residual: FloatArray,
-    covariance: FloatArray,
-    effectiveness: FloatArray,
-    valid: BoolArray,
-    dead: BoolArray,
-    on_times: FloatArray,
-    duration: float,
-    time: FloatArray,
-    sums: FloatArray,
-    starts: FloatArray,
-    filled: IntArray,
-    ratio: FloatArray,
-    shortfall: FloatArray,
-    statistic: FloatArray,
-    blamed: IntArray,
-    onset: FloatArray,
-    share: FloatArray,
-    excess: BoolArray,
-) -> None:
-    m, n = effectiveness.shape[1:]
+def _over_the_window(interval: Interval, time: FloatArray, memory: _Window, scores: Scores) -> None:
+    on_times, duration = interval.on_times, interval.duration
+    sums, starts, filled, onset, share, excess = memory
+    statistic, blamed, ratio, shortfall = scores
+    m, n = interval.effectiveness.shape[1:]
     window = sums.shape[1]
     root, e, a, total = np.empty((m, m)), np.empty(m), np.empty((m, n)), np.empty((4, n))
-    for v in range(residual.shape[0]):
-        if not valid[v]:
+    for v in range(statistic.size):
+        if not interval.valid[v]:
             continue
         slot = filled[v, 1]
-        evidence(
-            residual[v], covariance[v], effectiveness[v], on_times[v], duration, root, e, a, sums[v, slot]
-        )
+        evidence(interval, v, root, e, a, sums[v, slot])
         starts[v, slot] = time[v] - duration
         filled[v, 0] = min(filled[v, 0] + 1, window)
         filled[v, 1] = (slot + 1) % window
@@ -195,7 +165,7 @@ def _over_the_window(
             for kind in range(2):
                 for i in range(n):
                     c, s = total[2 * kind, i], total[2 * kind + 1, i]
-                    if c <= 0.0 or dead[v, i]:
+                    if c <= 0.0 or interval.excluded[v, i]:
                         continue
                     q = min(c / s, 1.0)
                     found = q * (2.0 * c - q * s)

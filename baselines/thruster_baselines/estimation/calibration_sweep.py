@@ -1,23 +1,15 @@
 """Active calibration: each thruster is fired alone after launch, and what it does is measured.
 
-The source announces such a test for initial misalignment (Yang 2003, section 5.2.1) and shows no result; this
-is ours. The schedule fires every thruster for one pulse, in an order that leaves the body slow, and again as
-often as asked for. Of firing k of thruster i for u seconds comes the rate change
+The schedule fires every thruster for one pulse of u seconds, in an order that leaves the body slow. All
+firings are solved for together by generalised least squares,
 
     Z_k = a_i u (1 + s_k) + v_k - v_(k-1),
 
-with the thrust's scatter s_k, uniform from firing to firing, and the sensors' errors v before and after. Two
-firings that follow each other share a measurement, so their errors are correlated with -1/2 of the sensors'
-part. All firings are solved for together by generalised least squares with that covariance, which gives the
-columns a_i, their joint covariance, and, against what was believed on the ground, a chi-squared statistic for
-each thruster with as many degrees of freedom as axes.
+with the thrust's scatter s_k and the sensors' errors v, which gives the columns a_i, their covariance, and a
+chi-squared statistic against what was believed. The source announces such a test (Yang 2003, section 5.2.1).
+One firing cannot tell a scattered thrust from a weak one: docs/derivations/calibration_sweep.md.
 
-One firing cannot tell a scattered thrust from a weak one: along the column, the deviation falls with the root
-of the number of firings, and no longer pulse helps. Across it, which is what a misalignment is, it falls with
-the length of the pulse too.
-
-Left out: the feed coupling (one thruster at a time has none), how the attitude turns within a pulse, and free
-motion, which has to be taken off the rate changes before.
+Left out: the feed coupling, the turn of the attitude within a pulse, free motion.
 """
 
 from __future__ import annotations

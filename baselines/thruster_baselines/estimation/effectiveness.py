@@ -1,44 +1,21 @@
-"""A Kalman filter for what each thruster does, from what firing it changed.
-
-The state is the effectiveness A (m, n) itself, all of its entries, taken as constant but for a random walk:
+"""A Kalman filter for what each thruster does, from what firing it changed (Yang 2003, ch. 4).
 
     A_(k+1) = A_k + w,    Z_k = A_k U_k + v,
 
-with the measured rate change Z_k and the effective on-times U_k of an interval (Yang 2003, ch. 4). In the
-source's order, columns stacked, the measurement matrix is H = [u_1 I, ..., u_n I]. How much of the covariance
-(m n, m n) has to be carried depends on the noise, and the exact forms give the same numbers where they apply:
+with the effectiveness A (m, n), the measured rate change Z and the effective on-times U of an interval. The
+covariance is carried in the cheapest form that is exact: `known` (nothing is learned), `shared` (one n x n
+matrix for all axes), `by_axis`, `full`, or `fired_only` (4.2.4), which leaves idle thrusters alone. What each
+admits, and its accuracy: docs/derivations/effectiveness_filter.md.
 
-- `known`: there is neither process noise nor a first covariance, so that nothing is learned. No covariance.
-- `shared`: measurement noise R, process noise Q and first covariance are multiples of the identity. Then the
-  covariance is a Kronecker product, and one n x n matrix serves all axes.
-- `by_axis`: they are diagonal, with one number per axis. Axes do not mix: m matrices of n x n.
-- `full`: any R. One matrix of (m n) x (m n).
-- `fired_only`: as `full`, but the estimate and the covariance of thrusters that did not fire are left alone
-  (Yang 2003, section 4.2.4). What a joint firing once taught about them is not used before they fire again,
-  so its estimate is an approximation, and its covariance is that of this estimate: never below that of
-  `full`, and the same where all thrusters fire or each fires alone. The source's equations, read literally,
-  also keep the covariance between fired and idle thrusters, and then it is no covariance after a few updates.
-  That is not offered; here it takes the gain of the fired thrusters, which is Joseph's form with a gain of
-  zero for the others (Schmidt 1966).
-
-Covariances are symmetric to the bit, since one triangle is computed and mirrored. They agree with exact
-arithmetic to a millionth of a deviation over 1,000 updates as long as the first covariance is below 1e7 times
-the measurement noise (per s^2 of firing); beyond 1e13 times, without process noise, nothing is left of them.
-
-Everything is batched over vehicles; many of them are shared among threads, which changes no number.
-
-Left out: sensor biases, mass properties, and the coupling loss, which belongs into the on-times
-(`thruster_baselines.mapping.delivered_on_times`); the drift of the free motion has to be taken out of the
-measurement before (`thruster_baselines.estimation.rate_change`). Consecutive rate changes share a velocity
-measurement, so that their errors are correlated with -1/2 at lag one; the filter takes them as independent.
+Left out: sensor biases, mass properties, the coupling loss (`delivered_on_times`), free motion
+(`rate_change`), and that consecutive rate changes share a velocity measurement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,8 +31,7 @@ __all__ = ["EffectivenessFilter", "Innovation"]
 Form = Literal["automatic", "known", "shared", "by_axis", "full", "fired_only"]
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """What a measurement said that was not expected.
 
     Attributes:
@@ -276,23 +252,18 @@ class EffectivenessFilter:
         """
         count, m = rate_change.shape
         residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
-        if self.form in ("shared", "by_axis"):
-            kernel = _update_shared if self.form == "shared" else _update_by_axis
-            work = partial(
-                kernel, on_times, rate_change, valid, self._process, self._diagonal, self.effectiveness,
-                self._covariance, residual, covariance,
-            )  # fmt: skip
+        noise = self._diagonal
+        if self.form not in ("shared", "by_axis"):
+            noise = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
+        update = _Update(
+            on_times, rate_change, valid, self._process, noise, self.effectiveness, self._covariance,
+            residual, covariance,
+        )  # fmt: skip
+        if self.form in ("full", "fired_only"):
+            work = partial(_update_full, update, self.form == "fired_only")
         else:
-            noises = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
-            if self.form == "known":
-                work = partial(
-                    _compare, on_times, rate_change, valid, noises, self.effectiveness, residual, covariance
-                )
-            else:
-                work = partial(
-                    _update_full, on_times, rate_change, valid, self._process, noises,
-                    self.form == "fired_only", self.effectiveness, self._covariance, residual, covariance,
-                )  # fmt: skip
+            kernels = {"known": _compare, "shared": _update_shared, "by_axis": _update_by_axis}
+            work = partial(kernels[self.form], update)
         in_threads(work, count)
         return Innovation(residual, covariance, valid)
 
@@ -361,6 +332,20 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     return values
 
 
+class _Update(NamedTuple):
+    """One interval as kernels take it; the noise is (m,), or (vehicles or 1, m, m) in full."""
+
+    on_times: FloatArray
+    rate_change: FloatArray
+    valid: BoolArray
+    process: FloatArray
+    noise: FloatArray
+    effectiveness: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    residual_covariance: FloatArray
+
+
 @kernel(nogil=True)
 def _update_axis(
     times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
@@ -388,19 +373,8 @@ def _update_axis(
 
 
 @kernel(nogil=True)
-def _update_shared(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_shared(update: _Update, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     pu, nothing = np.empty(n), np.zeros(n)
     for v in range(first, last):
@@ -418,19 +392,8 @@ def _update_shared(
 
 
 @kernel(nogil=True)
-def _update_by_axis(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_by_axis(update: _Update, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     pu = np.empty(n)
     for v in range(first, last):
@@ -447,17 +410,8 @@ def _update_by_axis(
 
 
 @kernel(nogil=True)
-def _compare(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    noises: FloatArray,
-    effectiveness: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _compare(update: _Update, first: int, last: int) -> None:
+    times, measured, there, _, noises, effectiveness, _, residual, spread = update
     m, n = effectiveness.shape[1:]
     for v in range(first, last):
         spread[v] = noises[v if noises.shape[0] > 1 else 0]
@@ -470,20 +424,8 @@ def _compare(
 
 
 @kernel(nogil=True)
-def _update_full(
-    times: FloatArray,
-    measured: FloatArray,
-    there: NDArray[np.bool_],
-    process: FloatArray,
-    noise: FloatArray,
-    fired_only: bool,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_full(update: _Update, fired_only: bool, first: int, last: int) -> None:
+    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
     m, n = effectiveness.shape[1:]
     size = m * n
     ph, gain = np.empty((m, size)), np.empty((m, size))  # H P and K'

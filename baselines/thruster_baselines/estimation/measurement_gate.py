@@ -1,28 +1,13 @@
 """From the messages of navigation, good and bad, to intervals that a detector can take.
 
 A rate change needs two measurements of the motion. If one is missing, late or wrong, the next good one covers
-all intervals since the last good one: their on-times and durations add up, and nothing that was fired goes
-untested. A late message is not lost either: its time tag says to which interval's end it belongs, and it is
-used for what was fired up to there.
+all intervals since the last good one; a late message is used for what was fired up to its time tag. `fired`
+is called after each interval, `measured` for each message; what is refused is counted by its reason. The loss
+of the shared feed is taken off each interval, so that the detector has to be built with `coupling=0.0`.
+Reasons and limits: docs/derivations/measurement_gate.md.
 
-The order is that of a flight computer: `fired` after each interval with what was commanded, and `measured`
-for each message when it comes. What is refused is counted by its reason and told in one line:
-
-- missing: an empty message;
-- late: its time tag is no interval's end that is still waited for, or it is the last one once more, number
-  for number;
-- not a number: an entry that is not finite;
-- out of range: an attitude that is no unit quaternion, or a rate change that no firing could have given
-  (`thruster_baselines.estimation.refusals`).
-
-The loss of the shared feed is taken off each interval by itself, since thrusters that fired one after the
-other cost each other nothing. So the detector has to be built with `coupling=0.0`, like that of
-`ClassicalPilot`.
-
-Left out: a message without a time tag that belongs to an earlier interval and is new cannot be told from a
-fault. Noise over several intervals is taken from the sum of the on-times (`PhysicalNoise`), as if one draw of
-the scatter held for all of them, which is at most too cautious. A wrong message that is possible is believed;
-if it was the first of all, good ones are refused until `longest_gap` is over.
+Left out: a new message without a time tag that belongs to an earlier interval; a wrong message that is
+possible.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,22 +24,25 @@ from thruster_baselines.mapping.compensation import (
     CAPPED,
     SHORT,
     CompensatingMapper,
+    CompensationSettings,
     largest,
     rate_change,
     settle,
 )
-from thruster_baselines.mapping.coupling import Coupling, convert
+from thruster_baselines.mapping.coupling import convert
 from thruster_baselines.mapping.dual import change_bounds, change_costs, repair
 from thruster_baselines.mapping.simplex import (
     OPTIMAL,
     TIE,
+    Programs,
+    Solutions,
     read,
     solve_from_start,
     start,
     tableau_shape,
 )
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["AdditiveCompensationMapper"]
@@ -58,15 +61,11 @@ class AdditiveCompensationMapper(CompensatingMapper):
         fuel_cost: (n,) or one number, per s of firing.
         slack_cost: (m,) or one number, per m/s then per rad/s of miss.
         threads: Threads that share a large batch; by default one per processor. Does not change the result.
-        coupling: Share of thrust lost per further thruster open, or a loss curve; a spacecraft's default is
-            that of its feed.
-        tolerance: Largest miss that is good enough, as a share of the largest commanded rate change.
-        max_iterations: Linear programs at most.
         cost_rule: "raise_unused" divides the cost of thrusters that are not open by the share of thrust that
             is left (appendix B); "lower_used" takes `cost_factor` times its on-time from the cost of each
             open one (text); "none" leaves costs alone.
         cost_factor: Of "lower_used", per s.
-        fuel_may_win: Accept costs at which leaving an axis alone is cheaper than serving it.
+        settings: Coupling, tolerance and iterations; see `CompensatingMapper`.
 
     >>> allocation = AdditiveCompensationMapper("orion")([-0.02, -0.02, 0, 0, 0, 0])
     >>> allocation.on_times[[0, 5, 9, 11]].round(3).tolist(), int(allocation.iterations)
@@ -81,17 +80,11 @@ class AdditiveCompensationMapper(CompensatingMapper):
         slack_cost: ArrayLike | None = None,
         threads: int | None = None,
         *,
-        coupling: Coupling | None = None,
-        tolerance: float = 1e-3,
-        max_iterations: int = 50,
         cost_rule: Literal["raise_unused", "lower_used", "none"] = "raise_unused",
         cost_factor: float = 0.1,
-        fuel_may_win: bool = False,
+        **settings: Unpack[CompensationSettings],
     ) -> None:
-        super().__init__(
-            spacecraft, max_on_time, fuel_cost, slack_cost, threads, coupling=coupling, tolerance=tolerance,
-            max_iterations=max_iterations, fuel_may_win=fuel_may_win,
-        )  # fmt: skip
+        super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, threads, **settings)
         if cost_rule not in _RULES:
             raise ValueError(f"cost_rule is {cost_rule!r}; one of {', '.join(_RULES)} would be right")
         if not 0.0 <= cost_factor < np.inf:
@@ -107,23 +100,16 @@ _RULES = {"none": 0, "raise_unused": 1, "lower_used": 2}
 
 @kernel(nogil=True)
 def _additive_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
+    problem: Programs,
+    answer: Solutions,
     shares: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    tolerance: float,
-    max_iterations: int,
-    rule: int,
-    factor: float,
+    settings: tuple[float, int, int, float],
     first: int,
     last: int,
 ) -> None:
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    tolerance, max_iterations, rule, factor = settings
     m, n = effectiveness.shape[1:]
     missing, goal, achieved, rest = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     more, room, costs, delivered = np.empty(n), np.empty(n), np.empty(n), np.empty(n)

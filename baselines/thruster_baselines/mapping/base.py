@@ -219,7 +219,6 @@ class CompiledMapper(WeightedMapper):
             report.reshape(*leading, report.shape[-1]),
         )
 
-    @abstractmethod
     def _run(
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
@@ -227,8 +226,12 @@ class CompiledMapper(WeightedMapper):
 
         Returns:
             on_times (batch, n) in s, slack (batch, m) in command units, cost (batch,), and a report (batch,
-            k) that begins with the status.
+            k) that begins with the status. Here they are those of the linear program.
         """
+        costs = self._fuel_cost[np.newaxis]
+        answer = solve_batch(command, effectiveness, max_on_time, costs, self._slack_cost, self._threads)
+        raise_unless_optimal(command, answer.report)
+        return answer
 
     def _answer(
         self, on_times: FloatArray, slack: FloatArray, cost: FloatArray, report: IntArray

@@ -1,18 +1,14 @@
 """The mapper for thrusters whose effectiveness is Gaussian: each axis holds its miss with a probability.
 
-Each entry of the effectiveness is Gaussian about its nominal value, independent from thruster to thruster.
-The miss of axis k is then Gaussian with the mean b_k - a_k x and the variance sum_j sigma_kj^2 x_j^2, and
+With entries independent from thruster to thruster, of standard deviations sigma,
 
     worst_miss_k = |b_k - a_k x| + z sqrt(sum_j sigma_kj^2 x_j^2)
 
-is exceeded with no more than the stated probability, for z from the normal distribution. The mapper minimises
-`fuel_cost @ on_times + slack_cost @ worst_miss`, the cone program of `ConicRobustMapper`; Yang 2003,
-section 3.4, names the chance constraint prob(|b - A x| <= S) >= 1 - alpha and leaves it.
+is exceeded with no more than the stated probability; the cone program is that of `ConicRobustMapper` (Yang
+2003, section 3.4, names the chance constraint and leaves it). Exact for an axis that is met on average,
+conservative where the mean miss is large; with `joint` all axes hold together (Bonferroni).
 
-Exact for an axis that is met on average: z is that of a miss to either side. Conservative where the mean miss
-is large beside the spread: only one side then counts, and half of what may exceed does. With `joint` all axes
-hold together: each is allowed an equal part of the probability of failure (Bonferroni), whatever ties their
-errors have. Left out: errors that are tied between thrusters, and that a thrust cannot be negative.
+Left out: errors that are tied between thrusters, and that a thrust cannot be negative.
 """
 
 from __future__ import annotations

@@ -11,16 +11,15 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
-import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.coupling import Coupling, thrust_shares
 from thruster_baselines.mapping.model import Model
-from thruster_baselines.mapping.simplex import NOT_CONVERGED, OPTIMAL, in_threads
+from thruster_baselines.mapping.simplex import NOT_CONVERGED, OPTIMAL, Programs, Solutions, in_threads
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -49,6 +48,15 @@ class CompensatedAllocation(Allocation):
     """
 
     iterations: IntArray
+
+
+class CompensationSettings(TypedDict, total=False):
+    """What mappers that make up for the coupling loss take as keyword arguments; see `CompensatingMapper`."""
+
+    coupling: Coupling | None
+    tolerance: float
+    max_iterations: int
+    fuel_may_win: bool
 
 
 class CompensatingMapper(CompiledMapper):
@@ -98,35 +106,35 @@ class CompensatingMapper(CompiledMapper):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
 
+    def constructor_arguments(self) -> dict[str, Any]:
+        """The arguments by name with which to construct the like of it."""
+        arguments = super().constructor_arguments()
+        arguments.update(arguments.pop("settings", {}))
+        return arguments
+
     def _run(
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         batch, m = command.shape
-        answer = (
-            np.empty((batch, effectiveness.shape[2])),
-            np.empty((batch, m)),
-            np.empty(batch),
-            np.zeros((batch, 4), np.int64),
-        )
-        problem = (command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost, self.shares)
+        answer = Solutions.empty(batch, m, effectiveness.shape[2], programs=True)
+        problem = Programs(command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost)
         kernel, settings = self._kernel()
         in_threads(
-            lambda first, last: kernel(*problem, *answer, *settings, first, last), batch, self._threads
+            lambda first, last: kernel(problem, answer, self.shares, settings, first, last),
+            batch,
+            self._threads,
         )
-        failed = (answer[3][:, 0] > OPTIMAL) & (answer[3][:, 0] <= NOT_CONVERGED)
+        failed = (answer.report[:, 0] > OPTIMAL) & (answer.report[:, 0] <= NOT_CONVERGED)
         if failed.any():
-            raise_unless_optimal(command[failed], answer[3][failed])
+            raise_unless_optimal(command[failed], answer.report[failed])
         return answer
 
     @abstractmethod
     def _kernel(self) -> tuple[Callable[..., None], tuple[Any, ...]]:
         """The kernel that answers commands, and its settings.
 
-        It is called with the problem: command (batch, m), effectiveness (batch or 1, m, n), bounds (batch or
-        1, n), fuel cost (n,), slack cost (m,), shares (n + 1,); with the answer, to be written: on-times
-        (batch, n), slack (batch, m), cost (batch,) and report (batch, 4), which is status, changes of basis,
-        runs from bound to bound, linear programs; with the settings; and with the first command to answer and
-        the one behind the last.
+        It is called with the problems (fuel cost (n,)), the answers to be written, the shares (n + 1,), the
+        settings, and with the first command to answer and the one behind the last.
         """
 
     def _answer(

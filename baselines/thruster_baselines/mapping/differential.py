@@ -32,13 +32,15 @@ from thruster_baselines.mapping.dual import repair
 from thruster_baselines.mapping.simplex import (
     OPTIMAL,
     TIE,
+    Programs,
+    Solutions,
     read,
     solve_from_start,
     start,
     tableau_shape,
 )
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 
 __all__ = ["DifferentialCompensationMapper"]
 
@@ -73,21 +75,16 @@ class DifferentialCompensationMapper(CompensatingMapper):
 
 @kernel(nogil=True)
 def _differential_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
+    problem: Programs,
+    answer: Solutions,
     shares: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    tolerance: float,
-    max_iterations: int,
+    settings: tuple[float, int],
     first: int,
     last: int,
 ) -> None:
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    tolerance, max_iterations = settings
     m, n = effectiveness.shape[1:]
     asked, goal, achieved, missing, rest = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     trial, delivered, order = np.empty(n), np.empty(n), np.empty(n, np.int64)

@@ -28,13 +28,15 @@ from thruster_baselines.mapping.dual import change_bounds, repair
 from thruster_baselines.mapping.simplex import (
     OPTIMAL,
     TIE,
+    Programs,
+    Solutions,
     read,
     solve_from_start,
     start,
     tableau_shape,
 )
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 
 __all__ = ["ExactCompensationMapper"]
 
@@ -69,21 +71,16 @@ class ExactCompensationMapper(CompensatingMapper):
 
 @kernel(nogil=True)
 def _exact_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
+    problem: Programs,
+    answer: Solutions,
     shares: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    tolerance: float,
-    max_iterations: int,
+    settings: tuple[float, int],
     first: int,
     last: int,
 ) -> None:
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    tolerance, max_iterations = settings
     m, n = effectiveness.shape[1:]
     wanted, room, trial, delivered = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     achieved, rest, order = np.empty(m), np.empty(m), np.empty(n, np.int64)

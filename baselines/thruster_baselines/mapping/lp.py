@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_baselines.mapping.sequence import LPSequence
-from thruster_baselines.mapping.simplex import OPTIMAL, solve_batch, solve_range
+from thruster_baselines.mapping.simplex import OPTIMAL, Solutions, solve_range
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -118,25 +118,14 @@ class LPMapper(CompiledMapper):
         report = self._run(commands.reshape(-1, m), *self._alone)[3].reshape(*commands.shape[:-1], 3)
         return report[..., 1].copy(), report[..., 2].copy()
 
-    def _run(
-        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        answer = solve_batch(
-            command, effectiveness, max_on_time, self._costs, self._slack_cost, self._threads
-        )
-        raise_unless_optimal(command, answer[3])
-        return answer
-
     def _solve_one(self, command: FloatArray) -> Allocation:
         """One command (m,) for the mapper's own model, as a batch of one."""
         effectiveness, max_on_time = self._alone
         _, m, n = effectiveness.shape
-        on_times, slack, cost = np.empty((1, n)), np.empty((1, m)), np.empty(1)
-        report = np.empty((1, 3), np.int64)
-        solve_range(
-            command[np.newaxis], effectiveness, max_on_time, self._costs, self._slack_cost,
-            on_times, slack, cost, report, 0, 1,
-        )  # fmt: skip
+        answer = Solutions.empty(1, m, n)
+        on_times, slack, cost, report = answer
+        problem = command[np.newaxis], effectiveness, max_on_time, self._costs, self._slack_cost
+        solve_range(problem, tuple(answer), 0, 1)
         if report[0, 0] != OPTIMAL:
             raise_unless_optimal(command, report[0])
         return Allocation(on_times[0], slack[0], cost.reshape(()), report[0, 0:1].reshape(()))

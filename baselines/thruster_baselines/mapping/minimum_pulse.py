@@ -1,24 +1,13 @@
 """Thrusters with a shortest pulse: the pulses that miss a command least, found exactly.
 
-A valve opens for no less than a minimum pulse, so that an on-time is either zero or from that minimum to the
-longest one. This mapper minimises the objective of the linear program (Yang 2003, eqs. 1-3),
-`fuel_cost @ on_times + slack_cost @ abs(slack)`, over such on-times, on a grid of clock ticks if a resolution
-is given. The source has neither minimum pulses nor a resolution.
+An on-time is zero, or from the minimum pulse to the longest one, on a grid of clock ticks if a resolution is
+given. The objective is that of the linear program (Yang 2003, eqs. 1-3, without pulses), minimised by branch
+and bound with the dual simplex method: docs/derivations/minimum_pulse.md. At the default costs opposed
+thrusters open together to give less than one pulse; to spare that fuel, lower `slack_cost` (with
+`fuel_may_win`), or carry short pulses over (`carrying`, `truncating`).
 
-The method is branch and bound. The linear program gives a lower bound; a thruster whose on-time in it no
-valve can give is then kept to no more than the next possible on-time below, and, in a second problem, to no
-less than the next one above. A thruster kept open for at least l is l + u', with l taken from its bound and
-what l gives taken from the command: only command and bounds change from one problem to the next, so that the
-dual simplex method goes on from the last basis. Each bound is worked out from the multipliers and the problem
-as it was given; where it is off by more than round-off, that linear program is solved anew.
-
-At the default costs a miss is so dear that opposed thrusters are opened together to give less than the
-shortest pulse of one alone. To spare that fuel, lower `slack_cost` (with `fuel_may_win`), or leave short
-pulses out and carry what they would have given over to the next command
-(`thruster_baselines.mapping.truncating`, `thruster_baselines.mapping.carrying`).
-
-Left out: a shortest time between two pulses, what a short pulse gives less than its on-time (rise and fall),
-coupling between thrusters, and a stated choice among equally good pulses.
+Left out: a shortest time between two pulses, rise and fall, coupling between thrusters, and a stated choice
+among equally good pulses.
 """
 
 from __future__ import annotations
@@ -44,6 +33,8 @@ from thruster_baselines.mapping.simplex import (
     SIGN,
     TABLEAU,
     TIE,
+    Programs,
+    Solutions,
     in_threads,
     read,
     solve_from_start,
@@ -148,20 +139,15 @@ class MinimumPulseMapper(CompiledMapper):
         self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         batch, m = command.shape
-        answer = (
-            np.empty((batch, effectiveness.shape[2])),
-            np.empty((batch, m)),
-            np.empty(batch),
-            np.zeros((batch, 4), np.int64),
+        answer = Solutions.empty(batch, m, effectiveness.shape[2], programs=True)
+        problem = Programs(command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost)
+        settings = self.minimum_pulse, self.resolution or 0.0, self.max_nodes
+        in_threads(
+            lambda first, last: _search_range(problem, answer, settings, first, last), batch, self._threads
         )
-        arrays = (
-            command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost,
-            self.minimum_pulse, self.resolution or 0.0, self.max_nodes, *answer,
-        )  # fmt: skip
-        in_threads(lambda first, last: _search_range(*arrays, first, last), batch, self._threads)
-        failed = (answer[3][:, 0] == NOT_FINITE) | (answer[3][:, 0] == NOT_CONVERGED)
+        failed = np.isin(answer.report[:, 0], (NOT_FINITE, NOT_CONVERGED))
         if failed.any():
-            raise_unless_optimal(command[failed], answer[3][failed])
+            raise_unless_optimal(command[failed], answer.report[failed])
         return answer
 
     def _answer(
@@ -203,18 +189,9 @@ def pulse_lengths(given: ArrayLike, thrusters: int, what: str) -> FloatArray:
 
 @kernel(nogil=True)
 def _search_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    minimum_pulse: FloatArray,
-    resolution: float,
-    max_nodes: int,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
+    problem: Programs,
+    answer: Solutions,
+    settings: tuple[FloatArray, float, int],
     first: int,
     last: int,
 ) -> None:
@@ -223,6 +200,9 @@ def _search_range(
     A node is the problem with each thruster kept between two on-times that it can give. Nodes wait on a
     stack, with the lower bound of the one that they come from; the one nearer to that one's answer is next.
     """
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
+    minimum_pulse, resolution, max_nodes = settings
     m, n = effectiveness.shape[1:]
     w = np.empty(tableau_shape(m, n))
     depth = (n if resolution == 0.0 else max_nodes) + 2

@@ -1,26 +1,15 @@
 """The null-space map: minimum-norm on-times, with what cancels taken out of each group of thrusters.
 
-Firing the thrusters of a group in the proportion of a null vector (A v = 0, v >= 0) changes nothing. From the
-minimum-norm solution A+ T, which is of either sign, each group's null vector is subtracted as often as its
-smallest share,
+Firing a group in the proportion of a null vector v (A v = 0, v >= 0) changes nothing, so
 
-    u = A+ T - sum_i v_i min_{j in group i} (A+ T)_j / v_ij,
+    u = A+ T - sum_i v_i min_{j in group i} (A+ T)_j / v_ij
 
-after which one thruster of each group is at zero and none below: negative on-times are raised, and firing
-that only cancels is saved. For opposing pairs one thruster gets the whole and the other nothing. This is the
-map of a cubesat with six pulsed plasma thrusters, whose null vectors are its three pairs (Valdes 2008, eqs.
-3.36-3.39); on SPHERES it is the pair mixer of its flight code. Groups share no thruster. On-times that are
-too long are cut off.
+leaves one thruster of each group at zero and none below; longer on-times than the bounds are cut off. For six
+pulsed plasma thrusters it is the map of Valdes 2008, eqs. 3.36-3.39, on SPHERES the pair mixer. Groups share
+no thruster and are found by linear programs unless given. A thruster without a group, the partner of a dead
+one say, keeps its minimum-norm on-time, cut off at zero.
 
-A thruster that belongs to no group keeps its minimum-norm on-time; if that is negative, it is cut off, and
-the command is missed. So it goes for the partners of a dead thruster: the map has no answer to a failure
-unless other groups can be found.
-
-Groups are found unless they are given: thruster by thruster in order, the cheapest firing of thrusters not
-yet in a group that undoes this one's (a linear program). Acting on axes that this one leaves alone is dear,
-so that a group is of thrusters that belong together. Left out: a search for the groups that serve most
-thrusters; one taken early may be missed later. Where thrusters have nothing in common, a group takes one more
-than there are axes.
+Left out: a search for the groups that serve most thrusters.
 """
 
 from __future__ import annotations

@@ -1,18 +1,12 @@
 """The redistributed pseudo-inverse: what saturates is fixed there, and the others take over what it leaves.
 
-The first round is the pseudo-inverse of all thrusters. Every thruster whose on-time comes out negative or
-longer than its bound is fixed at zero or at that bound, and the command less what the fixed thrusters do goes
-to the pseudo-inverse of the others, until none saturates or none is left (cascaded generalized inverses:
-Bordignon 1996; Bodson 2002, "Evaluation of optimization methods for control allocation").
+Cascaded generalized inverses (Bordignon 1996; Bodson 2002): thrusters whose on-times come out negative or too
+long are fixed at their bound, and the rest of the command goes to the pseudo-inverse of the others, until
+none saturates. Misses are least squares, each axis in units of its largest effectiveness.
 
-Misses are least squares with each axis in units of its largest effectiveness, that of all thrusters in every
-round, so that what a miss weighs does not depend on which thrusters are still free. Where the free thrusters
-can serve what is left in several ways, their on-times have the smallest sum of squares.
-
-Left out: a thruster that was fixed stays fixed, although it may be needed again after others were. With
-thrusters that only push, about half are fixed at zero in the first round, and so a command that could be
-tracked is often missed, and the answer jumps where a thruster begins to saturate.
-`NonNegativeLeastSquaresMapper` with `bounded` frees them again.
+Left out: a thruster that was fixed stays fixed. With thrusters that only push, about half are fixed at zero
+at once, so that a command that could be tracked is often missed; `NonNegativeLeastSquaresMapper` with
+`bounded` frees them again.
 """
 
 from __future__ import annotations

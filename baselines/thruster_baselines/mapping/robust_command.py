@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.attitude_uncertainty import AttitudeUncertainty
-from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
+from thruster_baselines.mapping.base import CompiledMapper
 from thruster_baselines.mapping.model import Model, matrix_times_vector
-from thruster_baselines.mapping.simplex import solve_batch
 from thruster_baselines.mapping.uncertainty import RobustAllocation
-from thruster_envs.protocols import FloatArray, IntArray
+from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["RobustCommandMapper"]
@@ -157,15 +156,6 @@ class RobustCommandMapper(CompiledMapper):
             status=answer.status,
             worst_miss=np.abs(answer.slack) + half_width,
         )
-
-    def _run(
-        self, command: FloatArray, effectiveness: FloatArray, max_on_time: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        answer = solve_batch(
-            command, effectiveness, max_on_time, self._fuel_cost[np.newaxis], self._slack_cost, self._threads
-        )
-        raise_unless_optimal(command, answer[3])
-        return answer
 
 
 def _margin(given: ArrayLike, axes: int, name: str) -> FloatArray:

@@ -1,21 +1,12 @@
 """The robust mapper for thrusters whose errors cannot all be at their worst for an axis at once.
 
-The row a_k of the effectiveness lies in an ellipsoid about its nominal value, a_k + P_k v with |v| <= 1. The
-largest difference between command and achievement on axis k is then
+The row a_k of the effectiveness lies in an ellipsoid, a_k + P_k v with |v| <= 1, so that the worst miss of
+axis k is |a_k x - b_k| + |P_k^T x|: a second-order cone program (Yang 2003, section 3.3, which leaves it as
+future work), solved by Clarabel one command after the other, to about seven digits. Less conservative than
+`RobustEffectivenessMapper`, some hundred times as slow. A status of 1 says that round-off stopped it early;
+its on-times keep the bounds.
 
-    |a_k x - b_k| + |P_k^T x|        (Euclidean length),
-
-and the mapper minimises `fuel_cost @ on_times + slack_cost @ worst_miss`, a second-order cone program. Yang
-2003, section 3.3, names it as the less conservative relative of the robust linear program and leaves it as
-future work. With the same largest error of each entry, it asks for less than `RobustEffectivenessMapper`,
-whose box holds the ellipsoid.
-
-Exact for each axis with an ellipsoid of its own. Conservative, as all robust mappers here, for what adds up
-over axes whose errors are tied to each other. Clarabel solves one command after the other by an
-interior-point method: the answer is optimal to about seven digits, is no vertex where several answers are
-equally cheap, and takes some hundred times as long as that of the linear program (more so in a batch, which
-the linear program shares between threads). A status of 1 says that round-off stopped it early; its on-times
-keep the bounds, and `worst_miss` is right for them.
+Exact for each axis with an ellipsoid of its own; conservative for what adds up over axes.
 """
 
 from __future__ import annotations

@@ -1,23 +1,12 @@
 """The robust linear program for thrusters that do more or less than they should.
 
-Each entry of the effectiveness lies within M - R and M + R. The program minimises
-`fuel_cost @ on_times + slack_cost @ worst_miss`, where the worst miss of an axis is the largest difference
-between command and achievement over all such matrices (Yang 2003, eqs. 30-35). On-times are not negative, so
-the worst miss of axis k is
+Each entry of the effectiveness lies within M - R and M + R. The objective, `fuel_cost @ on_times + slack_cost
+@ worst_miss` (Yang 2003, eqs. 30-35), is that of the plain program for M with the fuel costs c_j + sum_k K_k
+R_kj, since the worst miss of axis k is |M_k x - b_k| + R_k x. With `largest_miss` the dearest worst miss
+counts instead of their sum (HiGHS, one command after the other).
 
-    max((M + R)_k x - b_k, b_k - (M - R)_k x) = |M_k x - b_k| + R_k x,
-
-and the program is the plain one for the middle matrix M with the fuel cost c_j + sum_k K_k R_kj, and as fast.
-What a thruster may do wrong makes it dearer, wherever that goes.
-
-Exact for each axis alone: no other on-times have a smaller sum of worst misses and fuel, whatever the signs
-of the matrix. Conservative for what adds up over axes: a thruster that is too strong is so on all its axes,
-and the worst of one axis and of another may then not happen together. Where all thrusters err by the same
-share and their prices come out alike, as Orion's by 10 %, the plain linear program is already the robust
-one; from some share on it is better to leave a command alone than to serve it with such thrusters.
-
-With `largest_miss` it is the dearest worst miss of all axes that counts, in place of their sum. That is
-another program, handed to HiGHS one command after the other.
+Exact for each axis alone, conservative for what adds up over axes: a thruster that is too strong is so on all
+of them. Where all err by the same share, the plain program may already be the robust one.
 """
 
 from __future__ import annotations

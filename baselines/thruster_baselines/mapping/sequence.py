@@ -30,6 +30,8 @@ from thruster_baselines.mapping.simplex import (
     OPTIMAL,
     TABLEAU,
     TIE,
+    Programs,
+    Solutions,
     in_threads,
     leave_fewer_open,
     read,
@@ -123,8 +125,8 @@ class LPSequence(WeightedMapper):
         on_times, slack = np.empty((steps, worlds, n)), np.empty((steps, worlds, m))
         cost, report = np.empty((steps, worlds)), np.empty((steps, worlds, 3), np.int64)
         arrays = (
-            commands, *self._stacked, self._costs, self._slack_cost, self._tableaus, self._ages,
-            on_times, slack, cost, report,
+            (commands, *self._stacked, self._costs, self._slack_cost), self._tableaus, self._ages,
+            (on_times, slack, cost, report),
         )  # fmt: skip
         in_threads(lambda first, last: follow_range(*arrays, first, last), worlds, self._threads)
         raise_unless_optimal(commands, report)
@@ -156,37 +158,21 @@ class LPSequence(WeightedMapper):
 
 @kernel(nogil=True)
 def follow_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    tableaus: FloatArray,
-    ages: IntArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    first: int,
-    last: int,
+    problem: Programs, tableaus: FloatArray, ages: IntArray, solutions: Solutions, first: int, last: int
 ) -> None:
     """Solve the commands (steps, worlds, m) of worlds `first` to `last` (excluded), step after step.
 
     Args:
-        command: m/s then rad/s.
-        effectiveness: (worlds, m, n), or (1, m, n) for all.
-        max_on_time: (worlds, n), or (1, n) for all, s.
-        fuel_cost: (1, n), per s.
-        slack_cost: (m,), per m/s then per rad/s.
+        problem: Commands (steps, worlds, m), and the effectiveness, bounds and costs of the worlds, a plain
+            tuple in the order of `Programs`.
         tableaus: (worlds, rows, width), the last tableau of each world; changed.
         ages: (worlds,), commands since it was set up; 0 where there is none; changed.
-        on_times: (steps, worlds, n), written.
-        slack: (steps, worlds, m), written.
-        cost: (steps, worlds), written.
-        report: (steps, worlds, 3), written: status, changes of basis, runs from bound to bound.
+        solutions: Arrays (steps, worlds, ...), written.
         first: The first world.
         last: One behind the last world.
     """
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = solutions
     m, n = effectiveness.shape[1:]
     c = fuel_cost[0]
     for world in range(first, last):

@@ -1,28 +1,15 @@
-"""The linear program of thrust mapping, solved by a compiled bounded-variable simplex.
-
-For a command T (m), an effectiveness A (m, n), longest on-times U (n), fuel costs c (n) and slack
-costs K (m):
+"""The linear program of thrust mapping, solved by a compiled bounded-variable simplex (Yang 2003, eqs. 1-3).
 
     minimise    sum_j c_j u_j + sum_k K_k |s_k|
-    subject to  A u + s = T,    0 <= u <= U                                     (Yang 2003, eqs. 1-3)
+    subject to  A u + s = T,    0 <= u <= U,
 
-The method is the tableau simplex of Yang 2003, ch. 2 and app. A, started from the basis of all slacks,
-with its defects mended: a slack may be of either sign and may come back into the basis, a thruster parked
-at its bound may run back to zero, one that enters the basis from its bound keeps its true value, and every
-tolerance is relative. It differs from the printed program in three ways that save time or trouble. Rows are
-scaled by slack cost and columns by their largest entry, so that entries are of order one whatever the units.
-Only the columns of the positive slacks are kept: those of the negative ones are their negatives. Thrusters at
-their bound are priced with a sign in place of being reflected. Should the objective stand still for as many
-pivots as there are variables, Bland's rule takes over, so that the method cannot cycle.
+for a command T (m), an effectiveness A (m, n), longest on-times U (n), fuel costs c (n) and slack costs K
+(m). The answer is a vertex, the one with fewer open thrusters among equally cheap neighbours, and depends on
+the problem alone, to the last bit. How it differs from the printed program:
+docs/derivations/linear_program.md.
 
-The answer is a vertex: no more thrusters than rows are open for part of the period. Where several vertices
-are equally cheap, it moves from the first one found to a neighbouring one for as long as that leaves fewer
-thrusters open: fewer open thrusters cost each other less of a shared feed. It depends on
-the problem alone, to the last bit: not on the batch that it is solved in, nor on the number of
-threads. `thruster_baselines.mapping.sequence` starts a command from the basis of the one before.
-
-Left out: equality with other solvers' choice among equally cheap vertices, the fewest open thrusters of all
-optima (which would take a search), and coupling between thrusters (`thruster_baselines.mapping.coupling`).
+Left out: the fewest open thrusters of all optima, coupling between thrusters
+(`thruster_baselines.mapping.coupling`).
 """
 
 from __future__ import annotations
@@ -30,6 +17,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,6 +31,8 @@ __all__ = [
     "NOT_FINITE",
     "OPTIMAL",
     "PARALLEL_FROM",
+    "Programs",
+    "Solutions",
     "in_threads",
     "solve_batch",
     "solve_range",
@@ -70,6 +60,46 @@ LANES = 8  # float64 numbers in the widest vector register
 VALUE, CEILING, FALL, RATIO, BASIS, SIGN, BOUND, SCALE, GAIN, PIVOT_ROW, TABLEAU = range(11)
 
 
+class Programs(NamedTuple):
+    """A batch of mapping problems as kernels take them; see `solve_batch`.
+
+    Attributes:
+        command: (batch, m), m/s then rad/s.
+        effectiveness: (batch, m, n), or (1, m, n) for all, m/s^2 then rad/s^2.
+        max_on_time: (batch, n), or (1, n) for all, s.
+        fuel_cost: (batch, n), (1, n) or (n,), per s.
+        slack_cost: (m,), per m/s then per rad/s.
+    """
+
+    command: FloatArray
+    effectiveness: FloatArray
+    max_on_time: FloatArray
+    fuel_cost: FloatArray
+    slack_cost: FloatArray
+
+
+class Solutions(NamedTuple):
+    """Where kernels write.
+
+    Attributes:
+        on_times: (batch, n), s.
+        slack: (batch, m), command units.
+        cost: (batch,).
+        report: (batch, 3 or 4): status, changes of basis, runs from bound to bound, linear programs.
+    """
+
+    on_times: FloatArray
+    slack: FloatArray
+    cost: FloatArray
+    report: IntArray
+
+    @classmethod
+    def empty(cls, batch: int, axes: int, thrusters: int, programs: bool = False) -> Solutions:
+        """Room for a batch; where linear programs are counted, the report begins with zeros."""
+        report = np.zeros((batch, 4), np.int64) if programs else np.empty((batch, 3), np.int64)
+        return cls(np.empty((batch, thrusters)), np.empty((batch, axes)), np.empty(batch), report)
+
+
 def solve_batch(
     command: FloatArray,
     effectiveness: FloatArray,
@@ -77,7 +107,7 @@ def solve_batch(
     fuel_cost: FloatArray,
     slack_cost: FloatArray,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+) -> Solutions:
     """Solve a batch of mapping problems; arrays must be C-contiguous and writeable float64.
 
     Args:
@@ -95,32 +125,18 @@ def solve_batch(
         zero), changes of basis, and runs of a thruster from bound to bound.
     """
     batch, axes = command.shape
-    answer = (
-        np.empty((batch, effectiveness.shape[2])),
-        np.empty((batch, axes)),
-        np.empty(batch),
-        np.empty((batch, 3), np.int64),
-    )
-    problem = (command, effectiveness, max_on_time, fuel_cost, slack_cost)
-    in_threads(lambda first, last: solve_range(*problem, *answer, first, last), batch, threads)
+    answer = Solutions.empty(batch, axes, effectiveness.shape[2])
+    problem = Programs(command, effectiveness, max_on_time, fuel_cost, slack_cost)
+    plain = tuple(problem), tuple(answer)  # which a call from Python takes sooner than named ones
+    in_threads(lambda first, last: solve_range(*plain, first, last), batch, threads)
     return answer
 
 
 @kernel(nogil=True)
-def solve_range(
-    command: FloatArray,
-    effectiveness: FloatArray,
-    max_on_time: FloatArray,
-    fuel_cost: FloatArray,
-    slack_cost: FloatArray,
-    on_times: FloatArray,
-    slack: FloatArray,
-    cost: FloatArray,
-    report: IntArray,
-    first: int,
-    last: int,
-) -> None:
-    """Solve problems `first` to `last` (excluded) of a batch into the given arrays; see `solve_batch`."""
+def solve_range(problem: Programs, answer: Solutions, first: int, last: int) -> None:
+    """Solve problems `first` to `last` (excluded) of a batch into the answer, both plain tuples."""
+    command, effectiveness, max_on_time, fuel_cost, slack_cost = problem
+    on_times, slack, cost, report = answer
     m, n = effectiveness.shape[1:]
     w = np.empty(tableau_shape(m, n))
     own_effectiveness, own_bounds = effectiveness.shape[0] > 1, max_on_time.shape[0] > 1

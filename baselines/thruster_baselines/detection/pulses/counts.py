@@ -1,18 +1,12 @@
 """Cumulative sums of pulse counts: does one thruster of a pair have to fire more than it should?
 
-All that is looked at is the record of pulses: +1, -1 or 0 for each pair of opposite thrusters in each control
-period. While an attitude is held, the pulses of a pair answer the disturbance, so that their mean is that of
-healthy missions, up to the imbalance of the pair. A thruster that has become weak fires more often than that,
-one that has become strong less often (Valdes 2008, section 5.5). For each pair, and for each of the two
-directions, a sum gathers what is beyond the healthy mean and a slack,
+While an attitude is held, the mean of the pulses u_k of a pair of opposite thrusters (1, -1 or 0 a period) is
+that of healthy missions. A weak thruster fires more often, a strong one less (Valdes 2008, section 5.5):
 
     g_k = max(0, g_(k-1) +- (u_k - mean) - slack),
 
-and alarms above the threshold (Page 1954).
-
-The record alone does not say whether the thruster that fires more is weak, or its opposite strong. Left out:
-the turn to the attitude, in which pulses answer the manoeuvre; what the gyroscopes say
-(`thruster_baselines.detection.pulses.motion`).
+and an alarm above the threshold (Page 1954). The record alone does not say whether the thruster that fires
+more is weak, or its opposite strong. Left out: the turn to the attitude; what the gyroscopes say (`motion`).
 """
 
 from __future__ import annotations

@@ -56,10 +56,15 @@ class PulseEstimate:
     thrust_if_width: FloatArray
 
     @property
-    def kick_changed(self) -> BoolArray:
-        """(pulses,): whether the kick stands out more than the resistance, in its standard deviations."""
+    def impulse_changed(self) -> BoolArray:
+        """(pulses,): whether the impulse stands out more than the resistance, in its standard deviations."""
         apart = np.abs(self.parameters) / self.deviation
         return np.asarray(apart[:, 1] > apart[:, 2])
+
+    @property
+    def kick_changed(self) -> BoolArray:
+        """The name of before of `impulse_changed`; to go after one version."""
+        return self.impulse_changed
 
     def faulty(self, width: ArrayLike | None = None, band: float = BAND) -> BoolArray:
         """(pulses,): whether the thrust is out of the band.

@@ -1,18 +1,13 @@
 """What the motion of a craft says of the thrust of its thrusters: least squares over a mission.
 
-Opposite thrusters turn the craft about its principal axes. What a thruster gave stands in the rate that the
-gyroscopes measure after each of its pulses. For each axis the measured rate, less what the gyroscopic torque
-and the gravity gradient did to it by the measured attitude, is
+Opposite thrusters turn the craft about its principal axes. For each axis the measured rate w_k, less the
+gyroscopic torque and the gravity gradient by the measured attitude, is
 
     I w_k = c + d k + J (s+ n+_k - s- n-_k) + errors,
 
-with a start c, a constant torque d, the nominal impulse J, and so many pulses n of either thruster until
-then. Its share of the nominal thrust s is found by least squares, with its standard deviation; the errors are
-white.
-
-The pulse's own waveforms tell by how much a circuit has changed but not always how
-(`thruster_baselines.detection.pulses.fit`). `misfit` compares causes: it takes the thrust that each would
-have given, firing by firing, and says how well the motion agrees.
+with a start c, a constant torque d, the nominal impulse J, so many pulses n of either thruster until then,
+and the shares s of nominal thrust, found by least squares with standard deviations. `misfit` compares causes
+that the waveforms do not tell apart (`fit`).
 
 Left out: thrusters that turn the craft about several axes, or an inertia with products.
 """

@@ -1,8 +1,8 @@
-"""What all detectors fed by navigation share: the checks at the door, the clock, alarms and names that stay.
+"""What all detectors fed by navigation share: input validation, the clock, alarms and isolations that latch.
 
-A detector here takes the open rates of each period and what navigation measured at its beginning
-(`thruster_envs.protocols.NavigationDetector`), and says at once whether something is wrong and, when it is
-sure, with which thruster. An alarm and a name stay until a reset, since the source latches both.
+A detector here takes the duties of each period and what navigation measured at its beginning, and says at
+once whether something is wrong and, when it is sure, with which thruster. Both stay until a reset, since the
+source (Fonod et al. 2013) latches both.
 
 Left out: what becomes of a fault that ends, and several faults at once.
 """
@@ -12,23 +12,44 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
+from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_envs.configuration import require
 from thruster_envs.construction import RecordsArguments
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["BaseNavigationDetector", "Sample", "nominal_delay", "take_attitude"]
+__all__ = [
+    "BaseNavigationDetector",
+    "Monitor",
+    "NavigationSettings",
+    "Sample",
+    "nominal_delay",
+    "take_attitude",
+]
 
 SETTLING_TIME = 40.0
 """s after the first sample without alarms: the observers begin at rest, the vehicles do not."""
+
+
+class NavigationSettings(TypedDict, total=False):
+    """What every detector fed by navigation takes as keyword arguments.
+
+    Attributes:
+        settle: How long after the first sample there are no alarms, s.
+        vehicles: Number of vehicles monitored; 1 by default.
+    """
+
+    settle: float
+    vehicles: int
 
 
 class Sample(NamedTuple):
@@ -47,6 +68,30 @@ class Sample(NamedTuple):
     attitude: FloatArray
     rate: FloatArray
     valid: BoolArray
+
+
+class Monitor(NamedTuple):
+    """What is kept of each vehicle, (vehicles,) unless stated, as kernels take it.
+
+    Attributes:
+        effectiveness: (vehicles, 6, n), believed, m/s^2 then rad/s^2.
+        attitude: (vehicles, 4), the last one that was one.
+        samples: How many there were.
+        refused: How many were not usable.
+        detected: Whether there has been an alarm.
+        thruster: The isolated one, from 1; 0 for none.
+        detection_time: s, from the first sample to the alarm.
+        isolation_time: s, from the first sample to the isolation.
+    """
+
+    effectiveness: FloatArray
+    attitude: FloatArray
+    samples: IntArray
+    refused: IntArray
+    detected: BoolArray
+    thruster: IntArray
+    detection_time: FloatArray
+    isolation_time: FloatArray
 
 
 class BaseNavigationDetector(RecordsArguments, ABC):
@@ -104,7 +149,9 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def constructor_arguments(self) -> dict[str, Any]:
         """The arguments with which to construct the like of it, with the threshold that it has now."""
-        return super().constructor_arguments() | {"threshold": self.threshold}
+        arguments = super().constructor_arguments()
+        arguments.update(arguments.pop("common", {}), threshold=self.threshold)
+        return arguments
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
@@ -116,19 +163,21 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         self._begin(mask)
         self._clear(mask)
 
-    def believe(self, effectiveness: ArrayLike, vehicles: ArrayLike | None = None) -> None:
+    def believe(self, effectiveness: ActuatorBelief | ArrayLike, vehicles: ArrayLike | None = None) -> None:
         """From now on expect what thrusters of this effectiveness give, and take back alarms and names.
 
         The observers go on. A thruster with a column of zeros is not suspected any more.
 
         Args:
-            effectiveness: (6, n) or (vehicles, 6, n), m/s^2 then rad/s^2.
+            effectiveness: (6, n) or (vehicles, 6, n), m/s^2 then rad/s^2, or a belief about the thrusters.
             vehicles: Which ones, as a mask (vehicles,); all by default.
 
         Raises:
             ValueError: A wrong shape, an entry that is not finite.
         """
         mask = self._mask(vehicles)
+        if isinstance(effectiveness, ActuatorBelief):
+            effectiveness = effectiveness.effectiveness(self.spacecraft.effectiveness())
         given = np.asarray(effectiveness, dtype=np.float64)
         whole = self.effectiveness.shape
         check_effectiveness(given, self._vehicles, whole[1:])
@@ -160,25 +209,32 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def update(
         self,
-        open_rates: ArrayLike,
-        position: ArrayLike,
-        attitude: ArrayLike,
+        open_rates: Telemetry | ArrayLike,
+        position: ArrayLike | None = None,
+        attitude: ArrayLike | None = None,
         rate: ArrayLike | None = None,
         *,
         valid: ArrayLike | None = None,
-    ) -> Diagnosis:
-        """Take in one sample; see `thruster_envs.protocols.NavigationDetector`.
+    ) -> Verdict:
+        """Take in one sample: `Telemetry`, or arrays as in `thruster_envs.protocols.NavigationDetector`.
 
         Raises:
-            ValueError: A wrong shape, an open rate that is none.
+            ValueError: A wrong shape, an open rate that is none, telemetry without duties, position or
+                attitude.
         """
-        told = self._rows(open_rates, self._n, "open_rates")
-        place = self._rows(position, 3, "position")
-        pointing = self._rows(attitude, 4, "attitude")
-        turning = self._no_rate if rate is None else self._rows(rate, 3, "rate")
+        if isinstance(open_rates, Telemetry):
+            seen = open_rates
+        else:
+            seen = Telemetry(
+                self._period, duties=open_rates, position=position, attitude=attitude, rate=rate, valid=valid
+            )
+        told = self._rows(seen.need("duties"), self._n, "open_rates")
+        place = self._rows(seen.need("position"), 3, "position")
+        pointing = self._rows(seen.need("attitude"), 4, "attitude")
+        turning = self._no_rate if seen.rate is None else self._rows(seen.rate, 3, "rate")
         there = self._everywhere
-        if valid is not None:
-            there = np.asarray(valid, dtype=np.bool_)
+        if seen.valid is not None:
+            there = np.asarray(seen.valid, dtype=np.bool_)
             if there.shape != (self._vehicles,):
                 raise ValueError(f"valid has the shape {there.shape}; ({self._vehicles},) would be right")
         wrong = _first_wrong(told)
@@ -188,10 +244,16 @@ class BaseNavigationDetector(RecordsArguments, ABC):
                 f"open_rates of vehicle {vehicle}, thruster {thruster + 1} is {told[vehicle, thruster]}; "
                 "a number from 0 to 1 would be right"
             )
-        return self._judge(Sample(told, place, pointing, turning, there))
+        return self._diagnose(Sample(told, place, pointing, turning, there))
+
+    def _monitor(self) -> Monitor:
+        return Monitor(
+            self.effectiveness, self._attitude, self.samples, self.refused, self.detected, self.thruster,
+            self.detection_time, self.isolation_time,
+        )  # fmt: skip
 
     @abstractmethod
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         """What to say of a checked sample."""
 
     @abstractmethod
@@ -206,17 +268,22 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def _answer(
         self, statistic: FloatArray, suspicion: FloatArray | None = None, shortfall: FloatArray | None = None
-    ) -> Diagnosis:
+    ) -> Verdict:
         shape = (self._vehicles, self._n)
         time: FloatArray = np.asarray(self._period * (self.samples - 1), np.float64)
-        return Diagnosis(
+        return Verdict(
             self.detected.copy(),
             self.thruster.copy(),
             statistic,
             time,
             np.zeros(shape) if suspicion is None else suspicion,
             np.zeros(shape) if shortfall is None else shortfall,
+            self._kinds(),
         )
+
+    def _kinds(self) -> tuple[str, ...]:
+        """Of each vehicle, the kind of fault where it can be told."""
+        return ()
 
     def _rows(self, given: ArrayLike, size: int, name: str) -> FloatArray:
         return rows_of(np.ascontiguousarray(given, dtype=np.float64), self._vehicles, size, name)

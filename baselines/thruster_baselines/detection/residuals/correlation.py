@@ -1,22 +1,13 @@
-"""Isolation by cross-correlation of residual and commands, the source's eqs. 33-34.
+"""Isolation by cross-correlation of residual and commands (Fonod et al. 2013, eqs. 33-34).
 
-After an alarm, in every sample k and for each axis j of the residual, a vote goes to the thruster i with the
-least
+After an alarm, in every sample k and for each axis j of the residual r, a vote goes to the thruster i of duty
+u_i with the least c_ji = | (1 / N) sum over l = k - N .. k of r_j(l) u_i(l) |. Whoever the combined votes
+choose in N_c samples in a row is isolated. It rests on a controller that fights a thruster that is stuck open
+and drives its command lowest: right for open faults only, an idle duty above zero, and a controller that
+answers within the window; of a closed or weak thruster more is asked (`pick="greatest"`).
 
-    c_ji = | (1 / N) sum over l = k - N .. k of r_j(l) u_i(l) |,
-
-u_i being the commanded open rate. The votes of the three axes are combined, and whoever is chosen in N_c
-samples in a row is named.
-
-What it rests on: the controller fights a thruster that is stuck open and drives its command to the lowest of
-all, so that its open rate goes least with the residual. The test is one of commands, and it is right for open
-faults only; of a closed or a weak thruster the controller asks *more*, which the greatest c finds
-(`pick="greatest"`). It needs an idle open rate above zero and a controller that answers within the window.
-
-Readings of the source: eq. 33 prints r_j(k), which leaves the sum and makes all axes vote for the least mean
-open rate (`residual="last"`); r_j(l) is meant. Its guard against idle thrusters (Remark 3) leaves out those
-with a low mean open rate, among them the stuck one, whose command has just gone to zero; here it is off by
-default, and may be judged by the window before the alarm instead.
+Eq. 33 prints r_j(k), which makes all axes vote for the least mean duty (`residual="last"`). The guard against
+idle thrusters (Remark 3) leaves out the stuck one, whose command has just gone to zero; it is off by default.
 
 Left out: kinds and sizes of faults.
 """
@@ -25,17 +16,18 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, Unpack, get_args
 
 import numpy as np
 
-from thruster_baselines.detection.residuals.base import SETTLING_TIME
+from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.residuals.base import Monitor, NavigationSettings
 from thruster_baselines.detection.residuals.design import ResidualDesign
-from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
+from thruster_baselines.detection.residuals.norm_threshold import DesignName, History, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["CorrelationDetector"]
@@ -46,6 +38,18 @@ ResidualIndex: TypeAlias = Literal["window", "last"]
 GuardWindow: TypeAlias = Literal["now", "before"]
 
 _SUM, _MAJORITY, _GLOBAL = 3, 4, 5  # after the three axes
+
+
+class _Voting(NamedTuple):
+    """How thrusters are voted for; see `CorrelationDetector`."""
+
+    window: int
+    confirmations: int
+    vote: int
+    sign: float
+    last_residual: bool
+    idle_guard: float
+    guard_before: bool
 
 
 class CorrelationDetector(NormThreshold):
@@ -65,8 +69,7 @@ class CorrelationDetector(NormThreshold):
         idle_guard: Mean open rate below which a thruster is left out; 0 leaves none out.
         guard_window: Whether the guard's mean is over the window that ends `now`, as Remark 3 has it, or over
             the N samples that ended N samples `before` the alarm.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`.
 
     Attributes:
         choice: (vehicles,), chosen in the last sample, from 1; 0 as long as there is no alarm.
@@ -88,8 +91,7 @@ class CorrelationDetector(NormThreshold):
         residual: ResidualIndex = "window",
         idle_guard: float = 0.0,
         guard_window: GuardWindow = "now",
-        settle: float = SETTLING_TIME,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
         for name, value, known in (
             ("vote", vote, get_args(Vote)),
@@ -107,14 +109,16 @@ class CorrelationDetector(NormThreshold):
         require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1,")
         self.window, self.confirmations = int(window), int(confirmations)
         self.idle_guard = float(idle_guard)
-        self._vote = {"x": 0, "y": 1, "z": 2, "sum": _SUM, "majority": _MAJORITY, "global": _GLOBAL}[vote]
-        self._sign = 1.0 if pick == "least" else -1.0
-        self._last_residual = residual == "last"
-        self._guard_before = guard_window == "before"
+        codes = {"x": 0, "y": 1, "z": 2, "sum": _SUM, "majority": _MAJORITY, "global": _GLOBAL}
+        self._how = _Voting(
+            self.window, self.confirmations, codes[vote], 1.0 if pick == "least" else -1.0,
+            residual == "last", self.idle_guard, guard_window == "before",
+        )  # fmt: skip
+        vehicles = common.get("vehicles", 1)
         self.choice: IntArray = np.zeros(vehicles, np.int64)
         self._in_a_row: IntArray = np.zeros(vehicles, np.int64)
         self._idle: BoolArray = np.zeros((vehicles, 0), np.bool_)
-        super().__init__(spacecraft, threshold, design=design, settle=settle, vehicles=vehicles)
+        super().__init__(spacecraft, threshold, design=design, **common)
 
     def _kept(self) -> int:
         return 2 * self.window + 1
@@ -125,41 +129,28 @@ class CorrelationDetector(NormThreshold):
             self._idle = np.zeros((self._vehicles, self._n), np.bool_)
         self.choice[mask] = self._in_a_row[mask] = 0
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         work = partial(
-            _correlate, self._residuals, self._rates, self.samples, self._period, self.detected,
-            self.detection_time, self.window, self.confirmations, self._vote, self._sign,
-            self._last_residual, self.idle_guard, self._guard_before, self._idle, self.effectiveness,
-            self.choice, self._in_a_row, self.thruster, self.isolation_time,
-        )  # fmt: skip
+            _correlate, self._history(), self._monitor(), self._how, self._idle, self.choice, self._in_a_row
+        )
         in_threads(work, self._vehicles)
         return self._answer(statistic)
 
 
 @kernel(nogil=True)
 def _correlate(
-    residuals: FloatArray,
-    rates: FloatArray,
-    samples: IntArray,
-    period: float,
-    detected: BoolArray,
-    detection_time: FloatArray,
-    window: int,
-    confirmations: int,
-    vote: int,
-    sign: float,
-    last_residual: bool,
-    idle_guard: float,
-    guard_before: bool,
+    history: History,
+    monitor: Monitor,
+    how: _Voting,
     idle: BoolArray,
-    effectiveness: FloatArray,
     choice: IntArray,
     in_a_row: IntArray,
-    thruster: IntArray,
-    isolation_time: FloatArray,
     first: int,
     last: int,
 ) -> None:
+    residuals, rates, period = history
+    effectiveness, _, samples, _, detected, thruster, detection_time, isolation_time = monitor
+    window, confirmations, vote, sign, last_residual, idle_guard, guard_before = how
     kept, n = rates.shape[1:]  # kept is 2 N + 1
     score, mean = np.empty((_SUM + 1, n)), np.empty(n)
     votes = np.empty(_SUM + 1, np.int64)

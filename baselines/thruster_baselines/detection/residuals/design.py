@@ -1,28 +1,13 @@
 """Residual generators for thruster faults in translation, designed on a linear model of the relative motion.
 
-A residual generator is an observer of position and velocity that is fed with the commanded thrust and the
-measured position. Its residual, measured minus expected position, is zero but for noise as long as thrusters
-do what they are told. Three designs are here:
+An observer of position and velocity is fed with the commanded thrust and the measured position; its residual,
+measured minus expected position, m, is zero but for noise as long as thrusters do what is commanded.
+`pade_design` is that of Fonod et al. 2013, eqs. 3-25, with three Pade states for the modulator's delay;
+`observer_design` has a delay of whole periods or none. Axes are those of eq. 29: x along-track, y against the
+orbit's normal, z towards the planet; thrust is per mass, m/s^2. What the source claims and what holds:
+docs/derivations/residual_design.md.
 
-- `pade_design`: the source's (Fonod, Henry, Charbonnel, Bornschlegl 2013, "Robust thruster fault diagnosis:
-  application to the rendezvous phase of the Mars Sample Return mission", eqs. 3-25). A first-order Pade
-  model of the modulator's nominal delay adds three states; the gain is found by eigenstructure assignment,
-  the discrete filter by Tustin's rule.
-- `observer_design` with a delay of a whole number of periods: the same observer without Pade's states, fed
-  with the command of as many periods ago. Where the nominal delay is a whole period, that is exact.
-- `observer_design` without delay.
-
-Modelled: Hill's equations about a circular orbit, one delay common to all thrusters. Left out: orbital
-disturbances, which act as thrust does and cannot be told from it; what single delays do beyond the common
-one; the rotation, which enters by the measured attitude alone.
-
-Axes here are those of eq. 29: x along-track, y against the orbit's normal, z towards the planet. Thrust is
-per mass, m/s^2, which keeps the design well conditioned; a mass other than 1 kg gives the source's newtons.
-
-What the source claims and what holds: the unknown input of a delay that varies was to be decoupled by left
-eigenvectors. It cannot be, see `decoupling`. And as each eigenvalue is given as often as there are outputs,
-its left eigenvectors fill all of what is assignable, so that the gain is the same whichever are asked for:
-`closed_form_gain` writes it down.
+Left out: orbital disturbances, delays of single thrusters, the rotation.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from thruster_baselines.detection.contract import Telemetry, reader_of
 from thruster_envs.protocols import FloatArray, IntArray, NavigationDetector
 
 __all__ = ["NavigationFlights", "Watched", "watch"]
@@ -61,6 +62,14 @@ class NavigationFlights:
         """s; the first sample is answered when it is taken."""
         return 0.0
 
+    def telemetry(self, flights: slice, interval: int) -> Telemetry:
+        """What a detector is given of one sample of some of them."""
+        at = (flights, interval)
+        return Telemetry(
+            self.period, duties=self.open_rates[at], position=self.position[at], attitude=self.attitude[at],
+            rate=self.rate[at],
+        )  # fmt: skip
+
     def step(self, flights: slice, interval: int) -> dict[str, Any]:
         """The arguments of `NavigationDetector.update` for one sample of some of them."""
         at = (flights, interval)
@@ -98,8 +107,9 @@ def watch(detector: NavigationDetector, flights: NavigationFlights) -> Watched:
     named = np.zeros(count, np.int64)
     begin = np.where(np.isfinite(flights.onset), flights.onset, 0.0)
     detector.reset()
+    read = reader_of(detector)
     for k in range(samples):
-        diagnosis = detector.update(**flights.step(slice(None), k))
+        diagnosis = read(flights.telemetry(slice(None), k))
         since = k * flights.period - begin
         statistic[:, k] = diagnosis.statistic
         detection = np.where(diagnosis.detected & np.isinf(detection), since, detection)

@@ -1,45 +1,14 @@
-"""A detector for every kind of fault: force and torque residuals together, in a likelihood ratio.
+"""The force-torque generalised likelihood ratio detector, for every kind of fault of a thruster.
 
-The source looks at position alone, where a valve stuck open and the loss of its opposite corner pull the same
-way. Torque tells them apart, since opposite corners turn the same way, and the measured rate shows it within
-a few samples. So here
+Kalman filters of position and velocity and of the rate, fed with the commanded thrust, give innovations of
+force and torque. A thruster that from an onset on gives the share a more than commanded adds a known
+signature to both, times a; with c and s the weighted products of signature and innovation and of signature
+and signature, the statistic is the largest 2 a c - a^2 s over thrusters and onsets, -1 <= a <= 1, less that
+of the best a within `share_error`. A sum of its own looks for slow valves. After an alarm the thruster is
+isolated whose likelihood stays ahead by `margin`; `identify` compares kinds of fault (`kinds`).
 
-1. an observer of position and velocity and one of the rate, both Kalman filters fed with the thrust that the
-   valves were told a fixed number of periods ago, give innovations of force and torque; at the start nothing
-   is known of the velocity, and their gains fall as they learn it;
-2. a thruster that from an onset on gives the share a of its thrust more than it was told, or less for a < 0,
-   adds a known signature to both, times a. With c and s the weighted products of signature and innovation and
-   of signature and signature, twice the log-likelihood of the best a within -1..1 against none is 2 a c - a^2
-   s, less that of the best a within the error of a sound thruster. Onsets are those of sums that begin anew
-   every 4, 12 and 36 samples by turns, two of each, so that every age up to 72 samples is within a factor of
-   three of one;
-3. a valve that opens and closes slowly holds back impulse at each change of its command, and gives it back at
-   the next. One more sum for each thruster, over the last ten seconds or so, looks for that in the rate. The
-   largest of all over thrusters is the statistic;
-4. after an alarm, the thruster is named whose likelihood stays ahead of the next one's by `margin`, if its
-   whole course makes it the likeliest, too;
-5. `identify` says what is wrong with the named one, at that moment or later, when more has been seen: from
-   the kept samples, the whole course of the open rate under each kind of fault, its size and its onset is
-   sent through the filters, and the likeliest kind that its one or no free number is worth (by the Bayesian
-   information criterion) is the answer. The impulse of the first period and the thrust itself are known only
-   roughly, so that no kind is preferred for what these do.
-
-What is no fault and looks like one is taken care of twice. Errors of mass properties and thrust act as a
-constant force and torque in an even flight; a bias, which follows over `bias_time` until the alarm, takes
-them up, and with them whatever fault comes as slowly. The timing of pulses varies by `timing`: it moves
-impulse from one period to the next, so that the wider the pulses of the moment, the less a single measured
-rate counts; and where the command changes, a common shift leaves a wrong velocity behind, so that after an
-abrupt manoeuvre both residuals count less for as long as the filters remember it.
-
-Samples are kept until some seconds after an alarm and no longer, so that those at the onset stay.
-
-What cannot be told apart. While commands do not change: a leak and a valve stuck at a constant; a loss and a
-late opening; a late valve, a slow one and a sound one. Who can change them without harm should do so, with a
-thruster and its opposite corner at different times (`thruster_baselines.control.ProbeSettings`). Whatever is
-commanded: an opening later than the longest pulse and a closed valve; a leak of all the thrust and an open
-valve, which is why a leak counts as the less likely the larger it is; a leak that adds nothing to pulses
-wider than itself and a stuck valve, as long as no pulse was wider. Left out: several faults at once, faults
-that turn a thrust, thrust lost to a shared feed.
+Inputs, limits and what cannot be told apart: docs/derivations/force_torque_glr.md. Left out: several faults
+at once, faults that turn a thrust, thrust lost to a shared feed.
 """
 
 from __future__ import annotations
@@ -47,25 +16,28 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.identification import Identification
 from thruster_baselines.detection.residuals.base import (
     BaseNavigationDetector,
+    NavigationSettings,
     Sample,
     nominal_delay,
     take_attitude,
 )
-from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, compare_kinds
+from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, Course, compare_kinds
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
 from thruster_envs.kernels import kernel
 from thruster_envs.physics.attitude import rotate, rotate_back
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FusionDetector"]
@@ -117,6 +89,52 @@ _BACK, _BEHIND, _PRODUCT, _SQUARE, _SLUGGISH_ROWS = range(5)
 _BIAS, _SHIFTED, _LAST, _STATES = 9, 15, 24, 30
 
 
+class _Tuning(NamedTuple):
+    """Scalars of a detector; see its arguments."""
+
+    use_rate: bool
+    period: float
+    settle: float
+    threshold: float
+    margin: float
+    confirmations: int
+    lag: int
+    timing: float
+
+
+class _Filters(NamedTuple):
+    """Matrices of the filters, gains by age, errors and scales of onsets.
+
+    Attributes:
+        motion: (6, 9), position and velocity over a period.
+        spin: (2, 3, 3), inertia and its inverse.
+        gains: (samples, 4).
+        noise: (4,): variances of rate and torque, the bias's rate of learning, the share error.
+        scales: Samples after which sums restart.
+    """
+
+    motion: FloatArray
+    spin: FloatArray
+    gains: FloatArray
+    noise: FloatArray
+    scales: IntArray
+
+
+class _Memory(NamedTuple):
+    """What is kept of each vehicle from sample to sample; the axis of vehicles is the second in rings."""
+
+    states: FloatArray
+    begun: IntArray
+    sums: FloatArray
+    sluggish: FloatArray
+    commands: FloatArray
+    newest: IntArray
+    rates: FloatArray
+    seen: FloatArray
+    ahead: IntArray
+    share: FloatArray
+
+
 class FusionDetector(BaseNavigationDetector):
     """Alarms, names the thruster and says what is wrong with it, for every kind of fault.
 
@@ -132,8 +150,7 @@ class FusionDetector(BaseNavigationDetector):
         bias_time: Over which a constant force and torque is taken up, s; infinite takes up none.
         use_rate: Whether the rate is looked at; otherwise it is the likelihood ratio of the force alone.
         share_error: By what share of its thrust a sound thruster may give more or less than it is told.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`; here 2 s to settle by default.
 
     Attributes:
         share: (vehicles, n), the best a of each thruster in the last sample.
@@ -155,10 +172,11 @@ class FusionDetector(BaseNavigationDetector):
         bias_time: float = 20.0,
         use_rate: bool = True,
         share_error: float = 0.005,
-        settle: float = 2.0,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
-        super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
+        common.setdefault("settle", 2.0)
+        super().__init__(spacecraft, threshold, **common)
+        vehicles = self._vehicles
         require(margin >= 0.0, "margin", margin, "a number of 0 or more")
         require(confirmations >= 1, "confirmations", confirmations, "one sample or more")
         if lag is None:
@@ -204,6 +222,7 @@ class FusionDetector(BaseNavigationDetector):
         # innovations of force and torque, body axes, and the weights of torque
         self._seen: FloatArray = np.zeros((_KEPT, vehicles, 10))
         self.share: FloatArray = np.zeros((vehicles, n))
+        self._kind: IntArray = np.zeros(vehicles, np.int64)  # of the named thruster, when it was named
         self.reset()
 
     def identify(self, thruster: ArrayLike | None = None) -> Identification:
@@ -235,11 +254,18 @@ class FusionDetector(BaseNavigationDetector):
         alarms: IntArray = self._newest.copy()
         alarms[self.detected] = np.round(self.detection_time[self.detected] / self._period)
         work = partial(
-            compare_kinds, self._rates, self._seen, self._newest, alarms, self.effectiveness, vehicles,
-            thrusters, self.lag, self._period, self._begun, self._gains, *GRIDS, statistic, severity,
+            compare_kinds,
+            Course(
+                self._rates, self._seen, self._newest, self._begun, self._gains, self.effectiveness,
+                self.lag, self._period,
+            ),
+            alarms, vehicles, thrusters, GRIDS, statistic, severity,
         )  # fmt: skip
         in_threads(work, vehicles.size)
         return statistic, severity
+
+    def _kinds(self) -> tuple[str, ...]:
+        return tuple(FUSION_KINDS[one] if one != NONE else "" for one in self._kind)
 
     def _begin(self, mask: BoolArray) -> None:
         self._begun[mask] = -1
@@ -251,19 +277,24 @@ class FusionDetector(BaseNavigationDetector):
         self._sluggish[mask] = 0.0
         self._seen[:, mask] = 0.0
         self.share[mask] = 0.0
+        self._kind[mask] = NONE
 
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
         suspicion = np.zeros((self._vehicles, self._n))
         asked = np.zeros(1, np.int64)  # whether some thruster is ahead for long enough
         work = partial(
-            _watch, sample.open_rates, sample.position, sample.attitude, sample.rate, sample.valid,
-            self.use_rate and sample.rate is not self._no_rate, self._attitude, self.samples, self._period,
-            self.settle, self.threshold, self.margin, self.confirmations, self.lag, self.effectiveness,
-            self._motion, self._spin, self._gains, self._noise, self._timing, self._states, self._begun,
-            self._scales, self._sums, self._sluggish, self._commands, self._newest, self._rates,
-            self._seen, self._ahead, self.refused, self.detected, self.thruster, self.detection_time,
-            self.share, suspicion, statistic, asked,
+            _monitor_samples, sample, self._monitor(),
+            _Tuning(
+                self.use_rate and sample.rate is not self._no_rate, self._period, self.settle,
+                self.threshold, self.margin, self.confirmations, self.lag, self._timing,
+            ),
+            _Filters(self._motion, self._spin, self._gains, self._noise, self._scales),
+            _Memory(
+                self._states, self._begun, self._sums, self._sluggish, self._commands, self._newest,
+                self._rates, self._seen, self._ahead, self.share,
+            ),
+            suspicion, statistic, asked,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         if asked[0]:
@@ -275,9 +306,11 @@ class FusionDetector(BaseNavigationDetector):
         n = self._n
         statistic, _ = self._compare(np.repeat(vehicles, n), np.tile(np.arange(1, n + 1), vehicles.size))
         best = statistic.max(axis=1).reshape(-1, n)
+        kinds = statistic.argmax(axis=1).reshape(-1, n)
         second, first = np.sort(best, axis=1)[:, -2:].T
         sure = first - second >= np.maximum(self.margin, _LEAD * first)
         self.thruster[vehicles] = np.where(sure, best.argmax(axis=1) + 1, 0)
+        self._kind[vehicles] = np.where(sure, kinds[np.arange(vehicles.size), best.argmax(axis=1)], NONE)
         self.isolation_time[vehicles[sure]] = self._period * (self.samples[vehicles[sure]] - 1)
         self._ahead[vehicles, 1] = -_AGAIN
 
@@ -310,12 +343,15 @@ def _gains_by_age(period: float, position: float, force: float, rate: float, tor
 
 
 @kernel(nogil=True)
-def _watch(  # type: ignore[no-untyped-def]
-    open_rates, position, attitude, rate, valid, use_rate, last_attitude, samples, period, settle, threshold,
-    margin, confirmations, lag, effectiveness, motion, spin, gains, noise, timing, states, begun,
-    scales, sums, sluggish, commands, newest, rates, seen, ahead, refused, detected, thruster, detection_time,
-    share, suspicion, statistic, asked, first, last,
-):  # fmt: skip
+def _monitor_samples(  # type: ignore[no-untyped-def]
+    sample, monitor, tuning, filters, memory, suspicion, statistic, asked, first, last
+):
+    """One sample of each vehicle: filters, sums since onsets, alarms; see docs/derivations."""
+    open_rates, position, attitude, rate, valid = sample
+    effectiveness, last_attitude, samples, refused, detected, thruster, detection_time, _ = monitor
+    use_rate, period, settle, threshold, margin, confirmations, lag, timing = tuning
+    motion, spin, gains, noise, scales = filters
+    states, begun, sums, sluggish, commands, newest, rates, seen, ahead, share = memory
     n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
     quick, fade = period / _SLOW, math.exp(-period / _SLOW)
     before, e, momentum, weight = np.empty(9), np.empty(6), np.empty(3), np.empty(3)

@@ -11,13 +11,15 @@ What cannot be told apart is said in `fusion`.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from thruster_envs.kernels import kernel
+from thruster_envs.protocols import FloatArray, IntArray
 
-__all__ = ["FUSION_KINDS", "GRIDS", "NONE", "compare_kinds"]
+__all__ = ["FUSION_KINDS", "GRIDS", "NONE", "Course", "compare_kinds"]
 
 FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
 """What `FusionDetector.identify` tells apart, named as in `thruster_envs.faults`.
@@ -57,19 +59,49 @@ _THRUST_ERROR = 0.02
 """By what share it does not know the effect of a thruster, that is its thrust, mass and inertia."""
 
 
-GRIDS = np.array(_LEVELS), np.array(_LOST_TIMES), np.array(_DELAYS), np.array(_TIME_CONSTANTS)
-"""Levels of a leak, lost beginnings, further delays and time constants, as `compare_kinds` takes them."""
+class Grids(NamedTuple):
+    """Levels of a leak, and lost beginnings, further delays and time constants, periods."""
+
+    levels: FloatArray
+    lost_times: FloatArray
+    delays: FloatArray
+    constants: FloatArray
+
+
+GRIDS = Grids(*(np.array(one) for one in (_LEVELS, _LOST_TIMES, _DELAYS, _TIME_CONSTANTS)))
+
+
+class Course(NamedTuple):
+    """What is kept of flights: rings (kept, vehicles, ...), and their filters.
+
+    Attributes:
+        rates: (kept, vehicles, n), duties.
+        seen: (kept, vehicles, 10): innovations of force and torque, weights of torque and of force.
+        newest: (vehicles,), the last sample that is kept.
+        begun: (vehicles,), the first sample; -1 before.
+        gains: (samples, 4), of the filters by age.
+        effectiveness: (vehicles, 6, n), believed.
+        lag: Of the thrust behind its command, periods.
+        period: s.
+    """
+
+    rates: FloatArray
+    seen: FloatArray
+    newest: IntArray
+    begun: IntArray
+    gains: FloatArray
+    effectiveness: FloatArray
+    lag: int
+    period: float
 
 
 @kernel(nogil=True)
 def compare_kinds(  # type: ignore[no-untyped-def]
-    rates, seen, last_kept, alarms, effectiveness, vehicles, named, lag, period, begun, gains, levels,
-    lost_times, delays, constants, statistic, severity, first, last,
-):  # fmt: skip
-    """Likelihoods and sizes (rows, kinds) of all kinds of fault, in one thruster of a vehicle for each row.
-
-    The arguments are arrays of `FusionDetector`, then `GRIDS`.
-    """
+    course_of, alarms, vehicles, named, grids, statistic, severity, first, last
+):
+    """Likelihoods and sizes (rows, kinds) of all kinds of fault, in one thruster of a vehicle each row."""
+    rates, seen, last_kept, begun, gains, effectiveness, lag, period = course_of
+    levels, lost_times, delays, constants = grids
     kept = rates.shape[0]
     rows = 3 + levels.size + lost_times.size + delays.size + 2 * constants.size
     closing = rows - constants.size  # of a slow valve that was open
@@ -162,20 +194,17 @@ def compare_kinds(  # type: ignore[no-untyped-def]
                 overlap[k] -= kicks[closing + k] * kicks[closing - constants.size + k] * known
             found = products[0] ** 2 * known
             price = math.log(6.0 * (newest - onset))
-            _weigh(
-                statistic[at_row], severity[at_row], found, price, period, products, squares, both, overlap,
-                levels, lost_times, delays, constants,
-            )  # fmt: skip
+            sums = products, squares, both, overlap
+            _weigh(statistic[at_row], severity[at_row], found, price, period, sums, grids)
             back = alarm - onset
             onset -= 1 if back < _CLOSE_BY else back // 7
 
 
 @njit(error_model="numpy")
-def _weigh(  # type: ignore[no-untyped-def]
-    statistic, severity, found, price, period, products, squares, both, overlap, levels, lost_times, delays,
-    constants,
-):  # fmt: skip
+def _weigh(statistic, severity, found, price, period, sums, grids):  # type: ignore[no-untyped-def]
     """Keep the likeliest sizes of each kind for one onset."""
+    products, squares, both, overlap = sums
+    levels, lost_times, delays, constants = grids
     c1, s11, c2, s22 = products[1], squares[1], products[2], squares[2]
     if not (s11 > 0.0):
         return

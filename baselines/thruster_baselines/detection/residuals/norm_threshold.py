@@ -1,10 +1,8 @@
-"""Detection by the length of the residual, the source's eq. 32: an alarm where it reaches a fixed threshold.
+"""Detection by the length of the residual (Fonod et al. 2013, eq. 32): an alarm where it reaches a threshold.
 
-The length says that something is wrong, not what; isolators build on it. The threshold belongs to the design
-of the observer, the noise and what flights are flown: `calibration.threshold_for_rate` finds it for a stated
-false-alarm rate from healthy flights, `margin_threshold` takes the largest value of such flights and a
-margin. A manoeuvre outside of those flights alarms: the observer with Pade's states answers an abrupt stop of
-the approach as it does a fault.
+The length says that something is wrong, not what; isolators build on it. A manoeuvre outside of the flights
+on which the threshold was calibrated alarms: the observer with Pade's states answers an abrupt stop of the
+approach as it does a fault.
 
 Left out: any gathering of evidence, and thresholds that follow the command.
 """
@@ -13,14 +11,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from thruster_baselines.detection.calibration import margin_threshold
+from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import (
-    SETTLING_TIME,
     BaseNavigationDetector,
+    NavigationSettings,
     Sample,
     nominal_delay,
     take_attitude,
@@ -30,15 +30,20 @@ from thruster_baselines.detection.residuals.generator import Observers, observe,
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
+from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
 
 DesignName: TypeAlias = Literal["pade", "observer", "undelayed"]
 
-SOURCE_MARGIN = 1.3
-"""Of the threshold over the largest residual of healthy flights."""
+
+class History(NamedTuple):
+    """Residuals (vehicles, kept, 3) and duties (vehicles, kept, n) in rings, and the period, s."""
+
+    residuals: FloatArray
+    rates: FloatArray
+    period: float
 
 
 class NormThreshold(BaseNavigationDetector):
@@ -50,8 +55,7 @@ class NormThreshold(BaseNavigationDetector):
         design: Of the observer, or a name of one: `pade`, the source's with nine states, `observer`, six
             states and a delay of whole periods, `undelayed`, six states without. Those with a name take the
             spacecraft's mean motion, control period and nominal delay.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`.
 
     Attributes:
         residual: (vehicles, 3), m, of the last sample, in the axes of the design.
@@ -66,11 +70,11 @@ class NormThreshold(BaseNavigationDetector):
         threshold: float,
         *,
         design: ResidualDesign | DesignName = "pade",
-        settle: float = SETTLING_TIME,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
-        super().__init__(spacecraft, threshold, settle=settle, vehicles=vehicles)
+        super().__init__(spacecraft, threshold, **common)
         self.design = design if isinstance(design, ResidualDesign) else named_design(self.spacecraft, design)
+        vehicles = self._vehicles
         self._observers = Observers(self.design, vehicles)
         kept = self._kept()
         self.residual: FloatArray = np.zeros((vehicles, 3))
@@ -90,18 +94,19 @@ class NormThreshold(BaseNavigationDetector):
         kept = self._observers
         return super()._memory() | {"states": kept.states, "held": kept.held, "begun": kept.begun}
 
-    def _judge(self, sample: Sample) -> Diagnosis:
+    def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
         work = partial(
-            _look, self._observers.arrays, self.effectiveness, sample.open_rates, sample.position,
-            sample.attitude, sample.valid, self._attitude, self.samples, self._period, self.settle,
-            self.threshold, self.residual, self._residuals, self._rates, self.refused, self.detected,
-            self.detection_time, statistic,
+            _measure, sample, self._monitor(), self._observers.arrays,
+            (self._period, self.settle, self.threshold), self._history(), self.residual, statistic,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._isolate(statistic) if self.detected.any() else self._answer(statistic)
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _history(self) -> History:
+        return History(self._residuals, self._rates, self._period)
+
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         """Name a thruster in the vehicles with an alarm, where one can be named."""
         return self._answer(statistic)
 
@@ -129,23 +134,14 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
     raise ValueError(f"design {name!r} is unknown; {suggestion(name, ('pade', 'observer', 'undelayed'))}")
 
 
-def margin_threshold(statistics: ArrayLike, margin: float = SOURCE_MARGIN) -> float:
-    """The largest statistic of healthy flights, times a margin.
-
-    It says nothing of the false-alarm rate; `calibration.threshold_for_rate` does.
-
-    >>> margin_threshold([[0.0, 2.0], [1.0, 0.5]], margin=1.5)
-    3.0
-    """
-    return margin * float(np.max(np.asarray(statistics, dtype=np.float64)))
-
-
 @kernel(nogil=True)
-def _look(  # type: ignore[no-untyped-def]
-    observers, effectiveness, open_rates, position, attitude, valid,
-    last_attitude, samples, period, settle, threshold, residual, residuals, rates, refused, detected,
-    detection_time, statistic, first, last,
-):  # fmt: skip
+def _measure(  # type: ignore[no-untyped-def]
+    sample, monitor, observers, limits, history, residual, statistic, first, last
+):
+    """Residuals and their lengths (vehicles,), and alarms at limits of period, settling and threshold."""
+    open_rates, position, attitude, _, valid = sample
+    effectiveness, last_attitude, samples, refused, detected, _, detection_time, _ = monitor
+    (period, settle, threshold), (residuals, rates, _) = limits, history
     kept, n = residuals.shape[1], open_rates.shape[1]
     for v in range(first, last):
         y = (position[v, 1], -position[v, 2], -position[v, 0])

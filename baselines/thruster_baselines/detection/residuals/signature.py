@@ -1,23 +1,14 @@
 """Isolation by signature: whose fault, sent through the observer, looks most like the residual.
 
-Since a few samples before the alarm, thruster i with the direction d_i (force over mass, axes of the
-residual) adds one of two forces to what was told:
+From an onset some samples before the alarm on, thruster i of direction d_i and duty u_i adds d_i (1 - u_i)
+(`stuck_on`, of known size) or -q d_i u_i (`loss` of the share q). Through the observer that is f_i(l) per
+unit of size; with c = sum of f_i . r and s = sum of f_i . f_i, a size q explains 2 q c - q^2 s of the energy
+of the residual r. Whoever explains most in N_c samples in a row, in the same way, is isolated. Sizes are held
+to what is possible: else a valve stuck open and the loss of the opposite corner are the same (Fonod et al.
+2013, Remark 4).
 
-- `stuck_on`: d_i (1 - u_i), the whole valve open whatever is commanded; of known size.
-- `loss`: -q d_i u_i, the share q of its thrust gone, 0 < q <= 1; a closed valve is the whole of it.
-
-Each goes through the observer as a force does, which gives a residual f_i(l) per unit of size. With
-c = sum of f_i . r and s = sum of f_i . f_i, a fault of size q explains 2 q c - q^2 s of the residual's
-energy; q is 1 or the best in its bounds. Whoever explains most in N_c samples in a row, in the same way, is
-named.
-
-The sizes must be held to what is possible: with a free size, a valve stuck open and the loss of the opposite
-corner, of opposite force, are the same (Remark 4 of the source). Several onsets make it the generalised
-likelihood ratio over sizes and onsets on this residual, as far as its noise is white, which that of a slow
-observer is not.
-
-Left out: torques, which `FusionDetector` looks at; leaks, valves stuck in between, slow and late ones; that
-the attitude was another one some samples ago, for which it takes the present one.
+Left out: torques (`FusionDetector`); leaks, valves stuck in between, slow and late ones; that the attitude
+was another one some samples ago, for which it takes the present one.
 """
 
 from __future__ import annotations
@@ -25,18 +16,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, Unpack, get_args
 
 import numpy as np
 
-from thruster_baselines.detection.residuals.base import SETTLING_TIME, nominal_delay
+from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.residuals.base import Monitor, NavigationSettings, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.generator import turned_direction
-from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
+from thruster_baselines.detection.residuals.norm_threshold import DesignName, History, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
-from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray, IntArray
+from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SignatureDetector"]
@@ -44,6 +36,26 @@ __all__ = ["SignatureDetector"]
 SignatureKind: TypeAlias = Literal["stuck_on", "loss"]
 
 _C1, _C2, _S11, _S12, _S22 = range(5)
+
+
+class _Search(NamedTuple):
+    """What is looked for: the channel of a force through the observer, onsets, lag, codes of kinds, N_c."""
+
+    channel: FloatArray
+    onsets: IntArray
+    lag: int
+    codes: IntArray
+    confirmations: int
+
+
+class _Found(NamedTuple):
+    """States and sums of signatures, and of each vehicle the choice, its kind and its size."""
+
+    states: FloatArray
+    sums: FloatArray
+    choice: IntArray
+    kind: IntArray
+    share: FloatArray
 
 
 class SignatureDetector(NormThreshold):
@@ -57,8 +69,7 @@ class SignatureDetector(NormThreshold):
         onsets: How many samples before the alarm a fault may have begun.
         lag: How many periods the thrust comes after its command; by default the nominal delay.
         confirmations: N_c, samples in a row with the same thruster and kind.
-        settle: How long after the first sample there are no alarms, s.
-        vehicles: How many are watched.
+        common: See `NavigationSettings`.
 
     Attributes:
         kind: (vehicles,), codes of `kinds` in their order from 1, of the best in the last sample; 0 as long
@@ -79,8 +90,7 @@ class SignatureDetector(NormThreshold):
         onsets: Sequence[int] = (12,),
         lag: int | None = None,
         confirmations: int = 10,
-        settle: float = SETTLING_TIME,
-        vehicles: int = 1,
+        **common: Unpack[NavigationSettings],
     ) -> None:
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
@@ -101,10 +111,11 @@ class SignatureDetector(NormThreshold):
         self.confirmations, self.lag = int(confirmations), int(lag)
         self._onsets: IntArray = np.array(onsets, np.int64)
         self._codes = np.array([kinds.index(one) + 1 if one in kinds else 0 for one in known])
+        vehicles = common.get("vehicles", 1)
         self.kind: IntArray = np.zeros(vehicles, np.int64)
         self.share: FloatArray = np.zeros(vehicles)
         self._choice: IntArray = np.zeros((vehicles, 3), np.int64)  # thruster, kind, how often in a row
-        super().__init__(spacecraft, threshold, design=design, settle=settle, vehicles=vehicles)
+        super().__init__(spacecraft, threshold, design=design, **common)
         transition, entry = self.design.axis_channel()
         self._channel = np.hstack([transition, entry[:, np.newaxis]])
         ways, size = len(onsets), entry.size
@@ -119,46 +130,37 @@ class SignatureDetector(NormThreshold):
         self.kind[mask] = self._choice[mask] = 0
         self.share[mask] = 0.0
 
-    def _isolate(self, statistic: FloatArray) -> Diagnosis:
+    def _isolate(self, statistic: FloatArray) -> Verdict:
         suspicion = np.zeros((self._vehicles, self._n))
         shortfall = np.zeros((self._vehicles, self._n))
         work = partial(
-            _match, self._residuals, self._rates, self.samples, self._period, self.detected,
-            self.detection_time, self.effectiveness, self._attitude, self._channel, self._onsets, self.lag,
-            self._codes, self.confirmations, self._states, self._sums, self._choice, self.kind, self.share,
-            self.thruster, self.isolation_time, suspicion, shortfall,
+            _match, self._history(), self._monitor(),
+            _Search(self._channel, self._onsets, self.lag, self._codes, self.confirmations),
+            _Found(self._states, self._sums, self._choice, self.kind, self.share), suspicion, shortfall,
         )  # fmt: skip
         in_threads(work, self._vehicles)
         return self._answer(statistic, suspicion, shortfall)
 
+    def _kinds(self) -> tuple[str, ...]:
+        named = np.where(self.detected & (self.thruster > 0), self.kind, 0)
+        return tuple(("", *self.kinds)[one] for one in named)
+
 
 @kernel(nogil=True)
 def _match(
-    residuals: FloatArray,
-    rates: FloatArray,
-    samples: IntArray,
-    period: float,
-    detected: BoolArray,
-    detection_time: FloatArray,
-    effectiveness: FloatArray,
-    attitude: FloatArray,
-    channel: FloatArray,
-    onsets: IntArray,
-    lag: int,
-    codes: IntArray,
-    confirmations: int,
-    states: FloatArray,
-    sums: FloatArray,
-    choice: IntArray,
-    kind: IntArray,
-    share: FloatArray,
-    thruster: IntArray,
-    isolation_time: FloatArray,
+    history: History,
+    monitor: Monitor,
+    search: _Search,
+    found: _Found,
     suspicion: FloatArray,
     shortfall: FloatArray,
     first: int,
     last: int,
 ) -> None:
+    residuals, rates, period = history
+    effectiveness, attitude, samples, _, detected, thruster, detection_time, isolation_time = monitor
+    channel, onsets, lag, codes, confirmations = search
+    states, sums, choice, kind, share = found
     kept, n = rates.shape[1:]
     size = channel.shape[0]
     direction, square = np.empty((3, n)), np.empty(n)
