@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.environments import profile
 from benchmarks.report import AtLeast, AtMost, Row, Section, markdown_table, number, section_as_text
 from benchmarks.timing import QUICK, Calls, Effort, Timing, Work, clock_cost, race, race_calls
-from reproductions.fonod2013.approach_flights import fly
+from thruster_baselines.detection.approach_flights import fly
 from thruster_baselines.detection.residuals import (
     BaseNavigationDetector,
     CorrelationDetector,

@@ -1,8 +1,10 @@
 """Every table and figure of the sources, recomputed: `python -m reproductions list`.
 
-One subpackage for each source, one module for each of its tables, figures or worked examples. A module holds
-`REPRODUCTIONS`, a tuple of `Reproduction`; the command finds it there. What came of it is written to
-`docs/results/reproductions.json` and, from that alone, to `docs/results/reproductions.md`.
+One subpackage for each source, one module for each of its tables, figures or worked examples. A study is a
+function that `reproduces` decorates with what the source says, and the command finds it; a family of results
+that one function recomputes stands in `REPRODUCTIONS`. What came of it is written to
+`docs/results/reproductions.json` and, from that alone, to `docs/results/reproductions.md`. What many studies
+draw and write in tables is in `figures` and `cells`.
 """
 
 import os

@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-__all__ = ["FULL", "QUICK", "Effort", "Finding", "Reproduction", "Table", "Verdict"]
+from matplotlib.figure import Figure
+
+__all__ = [
+    "FULL", "QUICK", "Effort", "Finding", "Reproduction", "Study", "Table", "Verdict", "reproduces",
+]  # fmt: skip
 
 
 class Verdict(StrEnum):
@@ -53,14 +56,42 @@ class Table:
     Attributes:
         title: What it shows.
         head: One heading per column.
-        rows: One text per column.
+        rows: One text per column; any iterable is made a tuple.
     """
 
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
+    @classmethod
+    def of(cls, title: str, items: Any, columns: Mapping[str, str | Callable[..., str]]) -> Table:
+        """A table with a row for each item.
+
+        Args:
+            title: What it shows.
+            items: What rows are of; of a mapping, its keys with their values.
+            columns: What stands under each heading: a text with the parts of an item in braces, or a function
+                of them.
+
+        >>> Table.of("", {"a": 1.5}, {"": "{0}", "size": "{1:.2f}", "twice": lambda _, x: f"{2 * x:g}"}).rows
+        (('a', '1.50', '3'),)
+        """
+        parts = [
+            item if isinstance(item, tuple) else (item,)
+            for item in (items.items() if isinstance(items, Mapping) else items)
+        ]
+        return cls(
+            title,
+            tuple(columns),
+            tuple(
+                tuple(cell.format(*one) if isinstance(cell, str) else cell(*one) for cell in columns.values())
+                for one in parts
+            ),
+        )
+
     def __post_init__(self) -> None:
+        object.__setattr__(self, "head", tuple(self.head))
+        object.__setattr__(self, "rows", tuple(map(tuple, self.rows)))
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.head):
                 raise ValueError(
@@ -74,14 +105,14 @@ class Finding:
 
     Attributes:
         ours: The figures to set beside what was reported, in a line.
-        checks: The parts of the criterion, each with whether it holds; one or more.
+        checks: The parts of the criterion, each with whether it holds (NumPy's truth too); one or more.
         correction: What of the source has to be put right before its result comes out; empty for nothing.
         not_reproducible: Why a reported figure cannot be had, whatever is computed; empty if it can.
         beyond_source: The source reports nothing to compare with.
         note: What a reader should know besides.
         data: The figures, as what JSON knows (NumPy's numbers and arrays are turned into it).
         tables: Shown below the note.
-        figure: Draws to the path of a PNG.
+        figure: Draws it.
     """
 
     ours: str
@@ -92,7 +123,7 @@ class Finding:
     beyond_source: bool = False
     note: str = ""
     tables: tuple[Table, ...] = ()
-    figure: Callable[[Path], None] | None = field(default=None, compare=False)
+    figure: Callable[[], Figure] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if not self.checks:
@@ -141,3 +172,22 @@ class Reproduction:
     criterion: str
     run: Callable[[Effort], Finding]
     alone: bool = False
+
+
+Study: TypeAlias = Callable[[Effort], Finding]
+
+
+def reproduces(id: str, **of_the_source: Any) -> Callable[[Study], Study]:  # noqa: A002 - what the id is called
+    """Make a study the reproduction of a result; the study's docstring is the title, without its full stop.
+
+    Args:
+        id: Unique over all sources, such as E07.
+        of_the_source: `source`, `lines`, `reported`, `criterion` and `alone` of `Reproduction`.
+    """
+
+    def decorate(study: Study) -> Study:
+        title = (study.__doc__ or "").removesuffix(".")
+        study.reproduction = Reproduction(id=id, title=title, run=study, **of_the_source)  # type: ignore[attr-defined]  # a function takes any attribute
+        return study
+
+    return decorate

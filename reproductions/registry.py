@@ -1,4 +1,4 @@
-"""Which reproductions there are: those in `REPRODUCTIONS` of the modules of each source's subpackage."""
+"""Which reproductions there are: studies decorated by `reproduces`, and what stands in `REPRODUCTIONS`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from functools import cache, partial
 from importlib.resources import files
+from types import ModuleType
 
 import reproductions
 from reproductions.record import Effort, Reproduction
@@ -33,8 +34,15 @@ def find_all() -> dict[str, Reproduction]:
         if package.ispkg:
             parent = importlib.import_module(package.name)
             for module in pkgutil.walk_packages(parent.__path__, f"{package.name}."):
-                _collect(getattr(importlib.import_module(module.name), "REPRODUCTIONS", ()), found)
+                _collect(_of_module(importlib.import_module(module.name)), found)
     return {name: found[name] for name in sorted(found, key=order)}
+
+
+def _of_module(module: ModuleType) -> list[Reproduction]:
+    """Those of a module's own studies, and of a family of results that one study recomputes."""
+    own = [one for one in vars(module).values() if getattr(one, "__module__", "") == module.__name__]
+    decorated = [one.reproduction for one in own if hasattr(one, "reproduction")]
+    return [*decorated, *getattr(module, "REPRODUCTIONS", ())]
 
 
 def _collect(those: Iterable[Reproduction], found: dict[str, Reproduction]) -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from reproductions.figures import look
+from reproductions.figures import look, save
 from reproductions.record import Effort, Finding, Reproduction
 from reproductions.registry import fingerprint, order
 from thruster_envs.text_files import printable, read_text
@@ -60,7 +60,7 @@ def _drawn(name: str, finding: Finding, folder: Path) -> str | None:
     path = folder / FIGURES / f"{name}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     with look():
-        finding.figure(path)
+        save(finding.figure(), path)
     return path.relative_to(folder).as_posix()
 
 

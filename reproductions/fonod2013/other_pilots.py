@@ -1,9 +1,9 @@
 """Pilots of the Mars chaser that fly by the environment's law with something changed, from observations.
 
-What a test of commands makes of a fault hangs on who gives the commands. `law` is the law with other
+What a test of commands makes of a fault depends on who gives the commands. `law` is the law with other
 numbers; `fixed_bias` and `minimum_fuel` map its wrench to open rates in other ways; `stopping` brings the
-approach to a standstill. Their only difference from the environment's own pilot besides is that they take
-the position as it is measured, without its filter. Nobody knows of a fault.
+approach to a standstill. They take the position as it is measured, without the filter of the environment's
+own pilot. None knows of a fault.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.fonod2013.approach_flights import Pilot
 from thruster_baselines.control import ApproachController, ApproachSettings
 from thruster_baselines.control.quaternions import rotation_matrix
+from thruster_baselines.detection.approach_flights import Pilot
 from thruster_baselines.detection.environment_flights import Policy
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
-
-__all__ = ["fixed_bias", "law", "minimum_fuel", "stopping"]
 
 
 def law(settings: ApproachSettings | None = None) -> Pilot:

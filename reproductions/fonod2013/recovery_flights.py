@@ -1,23 +1,17 @@
 """Flights of `MarsRendezvous-v0` with one fault each, by pilots that know more or less of it.
 
-The kind goes by the flight's number in turn, so that all are equally often; thruster, size and onset are
-drawn from the flight's seed, so that all pilots meet the same. Onsets are uniform over `ONSET`: the nominal
-flight takes 206 s. Pilots fly by the same law and, but for the last, recover by the same rules:
-
-- the oracle is told of the fault at the first decision after it began;
-- the best stack diagnoses by the likelihood ratio of force and torque, probes its valves, and says what kind
-  of fault it is when that is clear; `UNPROBED` is the same without probes, and says it with the name;
-- the source's method alarms by the norm of the residual and names the thruster by cross-correlation;
-- the unprotected one knows of nothing and recovers from nothing; `AT_ONCE` knows no more, and flies on branch
-  B from the start.
-
-How a flight ended is the environment's own judgement, by the true state. Left out: more than one fault, a
-vehicle that is not MSR-A.
+The kind goes by the flight's number in turn; thruster, size and onset are drawn from the flight's seed, so
+that all pilots meet the same. Pilots fly by the same law and recover by the same rules. The oracle knows of
+the fault from the first decision after it began; the best stack diagnoses by the likelihood ratio of force
+and torque, excites its valves, and identifies the fault when that is clear (`UNPROBED`: without excitation,
+and at once); the source's method alarms by the norm of the residual and isolates by cross-correlation; the
+unprotected one recovers from nothing; `AT_ONCE` knows no more, and flies on branch B from the start. How a
+flight ended is the environment's own evaluation, by the true state. One fault in a flight, MSR-A only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import thruster_envs  # noqa: F401 - registers the environments
+from reproductions.cells import proportion
 from thruster_baselines.control import ApproachController, ChaserPilot, ProbeSettings
 from thruster_baselines.detection.residuals import (
     BaseNavigationDetector,
@@ -32,15 +27,9 @@ from thruster_baselines.detection.residuals import (
     FusionDetector,
     margin_threshold,
 )
-from thruster_baselines.statistics import clopper_pearson
 from thruster_envs import rollout
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
-
-__all__ = [
-    "AT_ONCE", "ENDS", "KINDS_OF_FAULT", "ONSET", "PILOTS", "SETTLE", "UNPROBED", "Flight", "calibrate",
-    "fly", "fly_healthy", "is_saved", "is_struck", "of_kind", "share",
-]  # fmt: skip
 
 ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
 ONSET = (0.0, 190.0)
@@ -71,41 +60,23 @@ ENDS = ("captured", "retreated", "out of time", "missed or lost")
 
 @dataclass(frozen=True)
 class Flight:
-    """How a flight went.
+    """How a flight went."""
 
-    Attributes:
-        pilot: Who flew.
-        seed: Of the episode.
-        kind: Of the fault, one of `KINDS_OF_FAULT`; `healthy` for none.
-        thruster: That failed, from 1; 0 for none.
-        severity: Of the fault.
-        onset: First decision at which it was active, s; infinite if it never was.
-        end: One of `ENDS`.
-        duration: s.
-        alarm: When the first alarm came, s; infinite without.
-        name: When a thruster was first named, s; infinite without.
-        named: That thruster, from 1; 0 for none.
-        said: What was said to be wrong with it.
-        said_at: When, s; infinite if it was not.
-        statistic: The detector's largest, up to the first alarm.
-        fuel: Thruster-seconds of open valve.
-    """
-
-    pilot: str
-    seed: int
-    kind: str
-    thruster: int
-    severity: float
-    onset: float
-    end: str
-    duration: float
-    alarm: float
-    name: float
-    named: int
-    said: str
-    said_at: float
-    statistic: float
-    fuel: float
+    pilot: str  # who flew
+    seed: int  # of the episode
+    kind: str  # of the fault, one of `KINDS_OF_FAULT`; `healthy` for none
+    thruster: int  # that failed, from 1; 0 for none
+    severity: float  # of the fault
+    onset: float  # first decision at which it was active, s; infinite if it never was
+    end: str  # one of `ENDS`
+    duration: float  # s
+    alarm: float  # when the first alarm came, s; infinite without
+    name: float  # when a thruster was first named, s; infinite without
+    named: int  # that thruster, from 1; 0 for none
+    said: str  # what was said to be wrong with it
+    said_at: float  # when, s; infinite if it was not
+    statistic: float  # the detector's largest, up to the first alarm
+    fuel: float  # thruster-seconds of open valve
 
     @property
     def detection(self) -> float:
@@ -118,6 +89,23 @@ def calibrate(seeds: Sequence[int]) -> dict[str, float]:
     return {
         pilot: margin_threshold([one.statistic for one in fly_healthy(pilot, seeds, {pilot: np.inf})], margin)
         for pilot, margin in MARGINS.items()
+    }
+
+
+def saved(flights: Sequence[Flight]) -> str:
+    """The share that was captured or has retreated."""
+    return proportion(sum(map(is_saved, flights)), len(flights))
+
+
+def isolated(flights: Sequence[Flight]) -> int:
+    """In how many the thruster that failed is the first that was isolated."""
+    return sum(one.named == one.thruster for one in flights)
+
+
+def endings(by_pilot: Mapping[str, Sequence[Flight]]) -> dict[str, Callable[..., str]]:
+    """Columns of a table of pilots: how often their flights ended in each way."""
+    return {
+        end: (lambda pilot, *_, end=end: str(sum(one.end == end for one in by_pilot[pilot]))) for end in ENDS
     }
 
 
@@ -136,20 +124,13 @@ def fly(
 ) -> list[Flight]:
     """One flight per seed, with the kinds of fault in turn; in the order of the seeds.
 
-    Args:
-        pilot: Who flies.
-        seeds: Of the episodes.
-        thresholds: By pilot.
-        spare_branch: Whether there is one.
-        either_branch: Whether a thruster of the spare branch is as likely to fail as another.
+    With a redundant branch or without; its thrusters fail too, and as often, if either branch may.
     """
+    branches = {"spare_branch": spare_branch, "either_branch": either_branch}
     flights: list[Flight] = []
     for number, kind in enumerate(KINDS_OF_FAULT):
         if len(seeds) > number:
-            struck = seeds[number :: len(KINDS_OF_FAULT)]
-            flights += _batch(
-                pilot, kind, struck, thresholds, spare_branch=spare_branch, either_branch=either_branch
-            )
+            flights += _batch(pilot, kind, seeds[number :: len(KINDS_OF_FAULT)], thresholds, **branches)
     return sorted(flights, key=lambda one: one.seed)
 
 
@@ -158,22 +139,14 @@ def is_saved(flight: Flight) -> bool:
     return flight.end in ("captured", "retreated")
 
 
-def is_struck(flight: Flight) -> bool:
+def is_affected(flight: Flight) -> bool:
     """Whether the fault began before the flight was over, or an alarm came before it."""
     return bool(np.isfinite(flight.onset) or np.isfinite(flight.alarm))
 
 
 def of_kind(flights: Iterable[Flight], kind: str) -> list[Flight]:
-    """Those that were struck by a kind of fault."""
+    """Those that were affected by a kind of fault."""
     return [one for one in flights if one.kind == kind]
-
-
-def share(part: int, whole: int) -> str:
-    """A share with its 95 % interval, as text."""
-    if whole == 0:
-        return "-"
-    low, high = clopper_pearson(part, whole)
-    return f"{100.0 * part / whole:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
 def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNavigationDetector | None:
@@ -188,14 +161,9 @@ def _detector(pilot: str, thresholds: dict[str, float], vehicles: int) -> BaseNa
 
 
 def _batch(
-    pilot: str,
-    kind: str,
-    seeds: Sequence[int],
-    thresholds: dict[str, float],
-    *,
-    spare_branch: bool = True,
-    either_branch: bool = False,
-) -> list[Flight]:
+    pilot: str, kind: str, seeds: Sequence[int], thresholds: dict[str, float],
+    spare_branch: bool = True, either_branch: bool = False,
+) -> list[Flight]:  # fmt: skip
     count = len(seeds)
     spacecraft = replace(load("msr_chaser"), spare_branch=spare_branch)
     faults = None
@@ -217,12 +185,12 @@ def _batch(
     )  # fmt: skip
     plain = ApproachController(spacecraft, steps)
     onset, largest = np.full(count, np.inf), np.zeros(count)
-    told, over = np.zeros((2, count), np.bool_)
+    known, over = np.zeros((2, count), np.bool_)
     flights: list[Flight | None] = [None] * count
     actions = np.full(envs.action_space.shape, -1.0, np.float32)
 
     def watch(moment: rollout.Moment) -> None:
-        """Note what ends and what begins to fail; the oracle is told of that."""
+        """Note what ends and what begins to fail; the oracle hears of that."""
         time, fault = round(moment.step * spacecraft.control_period, 6), moment.infos["fault"]
         for world in np.flatnonzero(~moment.running & ~over):
             flights[world] = Flight(
@@ -236,12 +204,11 @@ def _batch(
         active = fault["active"][:, 0] & ~over
         onset[active] = np.minimum(onset[active], time)
         if pilot == "oracle":
-            for world in np.flatnonzero(active & ~told):
-                told[world] = True
+            for world in np.flatnonzero(active & ~known):
+                known[world] = True
                 failed = KINDS[int(fault["kind"][world, 0]) - 1]
-                protected.tell(
-                    int(world), int(fault["thruster"][world, 0]), failed, float(fault["severity"][world, 0])
-                )
+                thruster, severity = int(fault["thruster"][world, 0]), float(fault["severity"][world, 0])
+                protected.tell(int(world), thruster, failed, severity)
 
     def act(observations: Any) -> Any:
         if pilot not in ("unprotected", AT_ONCE):
@@ -261,10 +228,6 @@ def _batch(
 
 def _end(info: dict[str, Any], world: int) -> str:
     """How an episode that has just ended did so."""
-    if info["success"][world]:
-        return "captured"
-    if info["approach"]["retreated"][world]:
-        return "retreated"
-    if info["approach"]["safe"][world]:
-        return "out of time"
-    return "missed or lost"
+    approach = info["approach"]
+    ways = (info["success"], approach["retreated"], approach["safe"])
+    return next((end for end, so in zip(ENDS, ways, strict=False) if so[world]), ENDS[-1])

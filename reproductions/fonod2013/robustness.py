@@ -1,32 +1,31 @@
 """Robustness: ten healthy hours without a false alarm, and what a lower threshold would buy, for all faults.
 
-The source says that faults are found despite delays, noise and disturbances, and gives no rate. Here the
-thresholds are margins over healthy flights of validation seeds, and flights of test seeds show the alarms.
-The figure lowers each threshold in steps, and sets median delays of detection and isolation against the rate
-of false alarms, for seven kinds of fault. Medians are over the flights without an alarm before the fault, and
-a name counts where it is that of the thruster that failed; one that fewer than half of these flights have is
-"never" and is not drawn. Rates are of flights with an alarm, over the hours after settling. Left out: the
-retuning of a detector for each threshold.
+The source says that faults are found despite delays, noise and disturbances, and gives no rate. Thresholds
+are margins over healthy flights of validation seeds; flights of test seeds show the alarms. The figure lowers
+each threshold in steps, and sets median delays of detection and right isolation against the rate of flights
+with a false alarm, for seven kinds of fault; a delay that fewer than half of the flights have is "never" and
+is not drawn. Left out: the retuning of a detector for each threshold.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, save
-from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, fly
+from reproductions.cells import finite, median, proportion
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Figure, annotate, grid
+from reproductions.fonod2013 import reproduces
 from reproductions.fonod2013.isolation_study import OPEN, VEHICLE, Isolation, Make, correlation, watched
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from thruster_baselines.detection.approach_flights import HEALTHY_DURATION, fly
 from thruster_baselines.detection.flights import joined
 from thruster_baselines.detection.residuals import FusionDetector, SignatureDetector, margin_threshold, watch
 from thruster_baselines.statistics import clopper_pearson
-from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST, VALIDATION
 
 SETTLE = 40.0
@@ -86,62 +85,68 @@ class Point:
     isolation: float
 
 
+@reproduces(
+    "MSR-10",
+    lines="L321, L334",
+    reported="faults are found and isolated despite delays, noise and disturbances; no rate",
+    criterion="no false alarm of the source's method in ten healthy hours with all effects on, and every "
+    "open valve named right",
+)
 def robustness(effort: Effort) -> Finding:
-    """`MSR-10`."""
+    """Robustness to delays, noise and disturbances; delay against false alarms."""
     count, each = effort.flights, max(effort.flights // 2, 1)
-    quiet, healthy = fly(VALIDATION[:count]), fly(TEST[: HEALTHY_PER_EFFORT * count])
+    validation, healthy = fly(VALIDATION[:count]), fly(TEST[: HEALTHY_PER_EFFORT * count])
     flights = healthy.onset.size
     hours = flights * (HEALTHY_DURATION - SETTLE) / 3600.0
     thresholds, largest = {}, {}
     for name, one in CONTENDERS.items():
-        thresholds[name] = margin_threshold(watch(one.make(np.inf, count), quiet).statistic, one.margin)
+        thresholds[name] = margin_threshold(watch(one.make(np.inf, count), validation).statistic, one.margin)
         largest[name] = watch(one.make(np.inf, flights), healthy).statistic.max(axis=1)
     false = {name: int((largest[name] >= thresholds[name]).sum()) for name in CONTENDERS}
     curves: dict[tuple[str, str], list[Point]] = {}
     at_own: dict[tuple[str, str], Isolation] = {}
     first = HEALTHY_PER_EFFORT * count
     for kind, how in KINDS.items():
-        struck = [
+        flights_with_it = [
             joined([fly(TEST[first + each * i : first + each * (i + 1)], i + 1, *how) for i in range(8)])
         ]
         for name, one in CONTENDERS.items():
             points = []
             for share in SHARES:
                 limit = share * thresholds[name]
-                seen = watched(struck, one.make, limit)
+                seen = watched(flights_with_it, one.make, limit)
                 rate = float((largest[name] >= limit).sum()) / hours
                 points.append(Point(rate, *_medians(seen)))
             curves[kind, name], at_own[kind, name] = points, seen
     printed = at_own["open", "Padé"]
     named = np.mean([at_own[kind, "force alone"].named > 0 for kind in KINDS])
+    in_json = {
+        f"{name}, {kind}": [
+            [x if np.isfinite(x) else None for x in (one.rate, one.detection, one.isolation)]
+            for one in points
+        ]
+        for (kind, name), points in curves.items()
+    }
     return Finding(
         ours=f"false alarms in {hours:.1f} h: {', '.join(f'{k} {v}' for k, v in false.items())}",
         checks={
             f"no false alarm of the source's method in {hours:.1f} healthy hours": false["Padé"] == 0,
             "and it names every open valve right, under the same effects": printed.share == 1.0,
         },
-        note=(
-            f"{flights} healthy flights, {8 * each} of each fault, as many of each thruster. Padé, observer "
-            "and undelayed isolate by the source's correlation, which is right for valves that are too far "
-            "open. Signature alarms as Padé does, and looks for open valves and losses only. The fusion is "
-            "the likelihood ratio of force and torque. That of the force alone stands beside it, and names "
-            f"somebody in {100.0 * named:.1f} % of flights: by it the excess of one thruster is the loss of "
-            "the other at the opposite corner (Remark 4 of the source). A slow valve delivers later what it "
-            "is told and in the mean as much, and nobody probes here, which would show it (mars-recovery); "
-            "an opening late by 0.05 s swallows the pulses of an idle thruster whole."
-        ),
+        note=f"{flights} healthy flights, {8 * each} of each fault, as many of each thruster. Padé, observer "
+        "and undelayed isolate by the source's correlation, which is right for valves that are too far "
+        "open. Signature alarms as Padé does, and looks for open valves and losses only. The fusion is "
+        "the likelihood ratio of force and torque. That of the force alone stands beside it, and names "
+        f"somebody in {100.0 * named:.1f} % of flights: by it the excess of one thruster is the loss of "
+        "the other at the opposite corner (Remark 4 of the source). A slow valve delivers later what it "
+        "is told and in the mean as much, and nobody probes here, which would show it (mars-recovery); "
+        "an opening late by 0.05 s swallows the pulses of an idle thruster whole.",
         data={
             "hours": hours,
             "thresholds": thresholds,
             "false_alarms": false,
             "named_right": {f"{name}, {kind}": one.share for (kind, name), one in at_own.items()},
-            "curves": {
-                f"{name}, {kind}": [
-                    [x if np.isfinite(x) else None for x in (one.rate, one.detection, one.isolation)]
-                    for one in points
-                ]
-                for (kind, name), points in curves.items()
-            },
+            "curves": in_json,
         },
         tables=(_healthy_table(thresholds, false, flights, hours), _fault_table(at_own)),
         figure=partial(_draw, curves),
@@ -152,79 +157,58 @@ def _medians(seen: Isolation) -> tuple[float, float]:
     """Of detection and right isolation over flights without an earlier alarm, s; infinite for never."""
     fair = seen.detection >= 0.0
     right = np.where(seen.right, seen.isolation, np.inf)
-    return _median(seen.detection[fair]), _median(right[fair])
-
-
-def _median(times: FloatArray) -> float:
-    """Infinite where fewer than half are finite, and where there are none."""
-    return float(np.sort(times)[(times.size - 1) // 2]) if times.size else float("inf")
+    return median(seen.detection[fair]), median(right[fair])
 
 
 def _healthy_table(thresholds: dict[str, float], false: dict[str, int], flights: int, hours: float) -> Table:
-    rows = []
-    for name, threshold in thresholds.items():
+    def hourly(name: str, _: float) -> str:
         low, high = (flights * one / hours for one in clopper_pearson(false[name], flights))
-        unit = f"{1e3 * threshold:.1f} mm" if name in IN_METRES else f"{threshold:.1f}"
-        rows.append((name, unit, str(false[name]), f"{false[name] / hours:.2f} ({low:.2f} to {high:.2f})"))
-    return Table(
+        return f"{false[name] / hours:.2f} ({low:.2f} to {high:.2f})"
+
+    return Table.of(
         "Healthy flights of test seeds",
-        ("detector", "threshold", "flights with an alarm", "an hour, with 95 % interval"),
-        tuple(rows),
+        thresholds,
+        {
+            "detector": "{0}",
+            "threshold": lambda name, limit: f"{1e3 * limit:.1f} mm" if name in IN_METRES else f"{limit:.1f}",
+            "flights with an alarm": lambda name, _: str(false[name]),
+            "an hour, with 95 % interval": hourly,
+        },
     )
 
 
 def _fault_table(at_own: dict[tuple[str, str], Isolation]) -> Table:
-    rows = []
-    for (kind, name), seen in at_own.items():
-        found = int(((seen.detection >= 0.0) & np.isfinite(seen.detection)).sum())
-        wrong = int(((seen.named > 0) & ~seen.right).sum())
-        detection, isolation = _medians(seen)
-        rows.append(
-            (
-                kind,
-                name,
-                str(int((seen.detection < 0.0).sum())),
-                _share(found, seen.right.size),
-                _said(detection),
-                _share(int(seen.right.sum()), seen.right.size),
-                _share(wrong, seen.right.size),
-                _said(isolation),
-            )
-        )
-    head = (
-        "fault", "detector", "alarms before it", "detected, with 95 % interval", "median detection, s",
-        "named right", "named wrong", "median isolation, right names, s",
-    )  # fmt: skip
-    return Table("Every kind of fault, each detector at its threshold", head, tuple(rows))
+    def part(of: Callable[[Isolation], Any]) -> Callable[..., str]:
+        return lambda _, __, seen: proportion(of(seen).sum(), seen.right.size)
+
+    return Table.of(
+        "Every kind of fault, each detector at its threshold",
+        [(*names, seen) for names, seen in at_own.items()],
+        {
+            "fault": "{0}",
+            "detector": "{1}",
+            "alarms before it": lambda _, __, seen: str((seen.detection < 0.0).sum()),
+            "detected, with 95 % interval": part(
+                lambda seen: (seen.detection >= 0.0) & np.isfinite(seen.detection)
+            ),
+            "median detection, s": lambda _, __, seen: finite(_medians(seen)[0], ".2f"),
+            "named right": part(lambda seen: seen.right),
+            "named wrong": part(lambda seen: (seen.named > 0) & ~seen.right),
+            "median isolation, right names, s": lambda _, __, seen: finite(_medians(seen)[1], ".2f"),
+        },
+    )
 
 
-def _share(part: int, whole: int) -> str:
-    low, high = clopper_pearson(part, whole)
-    return f"{100.0 * part / whole:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
-
-
-def _said(time: float) -> str:
-    return f"{time:.2f}" if np.isfinite(time) else "never"
-
-
-def _draw(curves: dict[tuple[str, str], list[Point]], path: Path) -> None:
-    figure = Figure(figsize=(8.0, 10.0), layout="constrained")
-    axes = figure.subplots(4, 4, sharex=True, sharey=True)
+def _draw(curves: dict[tuple[str, str], list[Point]]) -> Figure:
+    figure, axes = grid(4, 4, 10.0, sharex=True, sharey=True)
     for number, kind in enumerate(KINDS):
         column, block = number % 4, 2 * (number // 4)
-        for row, what in ((block, "detection"), (block + 1, "isolation")):
-            panel = axes[row, column]
-            never = []
-            for name in CONTENDERS:
-                if not _line(panel, curves[kind, name], name, what):
-                    never.append(name)
+        axes[block, column].set_title(kind)
+        for panel, what in ((axes[block, column], "detection"), (axes[block + 1, column], "isolation")):
+            never = [name for name in CONTENDERS if not _line(panel, curves[kind, name], name, what)]
             if never:
-                panel.text(
-                    0.04, 0.96, "never: " + ",\n".join(never), transform=panel.transAxes, fontsize=7.5,
-                    va="top", color=INK,
-                )  # fmt: skip
-            if what == "detection":
-                panel.set_title(kind)
+                corner = {"xycoords": "axes fraction", "fontsize": 7.5, "va": "top", "color": INK}
+                annotate(panel, "never: " + ",\n".join(never), (0.04, 0.96), **corner)
             if column == 0:
                 panel.set_ylabel(f"{what}, s")
     for panel in axes[2:, 3]:
@@ -232,42 +216,23 @@ def _draw(curves: dict[tuple[str, str], list[Point]], path: Path) -> None:
     for panel in (*axes[3, :3], axes[1, 3]):
         panel.set_xlabel("false alarms an hour", fontsize=8.5)
         panel.tick_params(axis="x", labelbottom=True)
-    axes[0, 0].set_xscale("symlog", linthresh=0.1)
-    axes[0, 0].set_xlim(-0.03, 60.0)
-    axes[0, 0].set_xticks([0.0, 0.1, 1.0, 10.0], ["0", "0.1", "1", "10"])
-    axes[0, 0].set_yscale("log")
-    axes[0, 0].set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
-    axes[0, 0].set_ylim(0.05, 30.0)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    axes[2, 3].legend(handles, labels, loc="upper left", fontsize=9.0)
-    save(figure, path)
+    first = axes[0, 0]
+    first.set_xscale("symlog", linthresh=0.1)
+    first.set_xticks([0.0, 0.1, 1.0, 10.0], ["0", "0.1", "1", "10"])
+    first.set_yscale("log")
+    first.set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
+    first.set(xlim=(-0.03, 60.0), ylim=(0.05, 30.0))
+    axes[2, 3].legend(*first.get_legend_handles_labels(), loc="upper left", fontsize=9.0)
+    return figure
 
 
 def _line(panel: Axes, points: list[Point], name: str, what: str) -> bool:
     """Draw what is known of a detector; False if that is nothing."""
-    drawn = CONTENDERS[name]
-    rates = np.array([one.rate for one in points])
-    times = np.array([one.detection if what == "detection" else one.isolation for one in points])
+    drawn, wide = CONTENDERS[name], CONTENDERS[name].width > 2.0
+    rates, times = (np.array([getattr(one, part) for one in points]) for part in ("rate", what))
     known = np.isfinite(times)
-    wide = drawn.width > 2.0
     panel.plot(
         rates[known], times[known], drawn.mark, linestyle="-", color=drawn.colour, linewidth=drawn.width,
         markersize=7.0 if wide else 4.5, alpha=0.45 if wide else 1.0, label=name,
     )  # fmt: skip
     return bool(known.any())
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-10",
-        title="Robustness to delays, noise and disturbances; delay against false alarms",
-        source="Fonod 2013",
-        lines="L321, L334",
-        reported="faults are found and isolated despite delays, noise and disturbances; no rate",
-        criterion=(
-            "no false alarm of the source's method in ten healthy hours with all effects on, and every open "
-            "valve named right"
-        ),
-        run=robustness,
-    ),
-)

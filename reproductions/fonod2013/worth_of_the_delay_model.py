@@ -1,29 +1,28 @@
 """Is Pade's model of the delay worth its three states? Its residual beside those of two plain observers.
 
-The source compares its design with none. Here three of them see the same flights without noise: nine states
-with Padé's model; six states fed with the command as it is given; six states fed with that of one period ago,
-which is exact where the delay is nominal. Flights brake smoothly or stop at once, under pulses that come so
-much early or late, so that all of the residual is due to the delay. Against that stand what a thruster stuck
-open does to the residual, and what the noise of the LIDAR does to it, in closed form.
-
-The same table from our draft simulation, one flight for each number, is quoted beside. Here each number is
-over flights of test seeds with their own phases and errors of the pulses, without other errors.
+Three designs see the same flights without noise: nine states with Padé's model; six states fed with the
+command as it is given; six states fed with that of one period ago, which is exact where the delay is nominal.
+Flights brake smoothly or stop at once, under pulses that come so much early or late, so that all of the
+residual is due to the delay. Against that stand what a thruster stuck open does to the residual, and what the
+noise of the LIDAR does to it, in closed form. Numbers of our draft simulation are quoted beside.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.fonod2013.approach_flights import NO_ERRORS, Pilot, fly
-from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, struck
+from reproductions.cells import interval, spread
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels, shared_legend
+from reproductions.fonod2013 import reproduces
+from reproductions.fonod2013.isolation_study import VEHICLE, calibrated, faulty
 from reproductions.fonod2013.other_pilots import law, stopping
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from thruster_baselines.detection.approach_flights import NO_ERRORS, Pilot, fly
 from thruster_baselines.detection.residuals import (
     NavigationFlights,
     NormThreshold,
@@ -31,7 +30,6 @@ from thruster_baselines.detection.residuals import (
     named_design,
     watch,
 )
-from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST
 from thruster_envs.spacecraft import Spacecraft, load
@@ -66,15 +64,22 @@ DRAFT_FAULT = {"pade": (5.5, 34.7), "undelayed": (1.34, 4.94), "observer": (1.34
 DRAFT_NOISE = {"pade": 2.2, "undelayed": 0.57, "observer": 0.57}
 
 
+@reproduces(
+    "MSR-4.6",
+    lines="beyond the source; L81-149, L225",
+    reported="nothing: the design is compared with none",
+    criterion="by the response to a fault, Padé's states are better against noise and worse against a "
+    "varying delay, and an abrupt stop alarms",
+)
 def worth(effort: Effort) -> Finding:
-    """`MSR-4.6`."""
+    """Whether the model of the delay is worth its states."""
     peaks = {
         (manoeuvre, name, bound): found
         for manoeuvre, pilot in (*MANOEUVRES.items(), (OWN_FILTER, FILTERING))
         for bound in BOUNDS
         for name, found in _peaks(effort, _silent(bound), pilot).items()
     }
-    opened = struck(effort, spacecraft=_silent(0.03), **NO_ERRORS)
+    opened = faulty(effort, spacecraft=_silent(0.03), **NO_ERRORS)
     responses = {name: _responses(opened, name) for name in DESIGNS}
     sigma = {name: _noise(name) for name in DESIGNS}
     alarms = {
@@ -96,13 +101,16 @@ def worth(effort: Effort) -> Finding:
         if one is not None and bound > 0.0
         for found in [1e3 * peaks[manoeuvre, name, bound]]
     ]
+    by_cause = Table(
+        "Abrupt stop without variation of the delay: largest residual, mm",
+        ("", *DESIGNS.values()),
+        [(what, *(f"{1e3 * one:.2f}" for one in found.values())) for what, found in causes.items()],
+    )
     return Finding(
-        ours=(
-            "by the response to an open valve after 1 s, Padé's noise is one part in "
-            f"{over_noise['pade']:.1f} and that of the observers one in {over_noise[late]:.1f}; an abrupt "
-            f"stop is {over_delay['pade']:.2f} times that response, and {over_delay[at_once]:.2f} and "
-            f"{over_delay[late]:.2f} times"
-        ),
+        ours="by the response to an open valve after 1 s, Padé's noise is one part in "
+        f"{over_noise['pade']:.1f} and that of the observers one in {over_noise[late]:.1f}; an abrupt "
+        f"stop is {over_delay['pade']:.2f} times that response, and {over_delay[at_once]:.2f} and "
+        f"{over_delay[late]:.2f} times",
         checks={
             "by the response to a fault, Padé's states are better against noise": (
                 over_noise["pade"] > 1.5 * max(over_noise[at_once], over_noise[late])
@@ -123,47 +131,31 @@ def worth(effort: Effort) -> Finding:
             "numbers of our draft under varying delays lie within our flights, to 3 %": all(inside),
         },
         beyond_source=True,
-        note=(
-            "In plain words: with Padé's states a fault stands out more from the noise of the LIDAR, and so "
-            "does a delay that is not the nominal one, so that a manoeuvre which the threshold has not seen "
-            "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
-            "here. It is no cure for the abrupt stop: by whichever design, "
-            f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). "
-            "Numbers of our draft under varying delays are one draw each; ours differ from flight "
-            "to flight by phases and single errors, and theirs lie among them. Without variation nothing is "
-            "random: there the abrupt stop is "
-            f"{100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by Padé's states "
-            "than in the draft, and not for the step of the integration. Two things of the set-up explain it "
-            "(second table). The filter of the draft's pilot takes thrust to come as soon as it is "
-            "asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
-            f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
-            f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
-            f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. "
-            "A bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses "
-            "keep their order; smaller ones by halves. Responses between two samples are interpolated."
-        ),
+        note="In plain words: with Padé's states a fault stands out more from the noise of the LIDAR, and so "
+        "does a delay that is not the nominal one, so that a manoeuvre which the threshold has not seen "
+        "looks like a fault. The exact delay of one sample, which costs nothing, is the better model "
+        "here. It is no cure for the abrupt stop: by whichever design, "
+        f"{100.0 * least / effort.flights:.0f} % or more of such flights alarm (last table). Numbers of "
+        "our draft under varying delays are one draw each; ours differ from flight to flight by phases "
+        "and single errors, and theirs lie among them. Without variation nothing is random: there the "
+        f"abrupt stop is {100.0 * (1e3 * base / DRAFT['abrupt', 'pade'][0] - 1.0):.0f} % higher by "
+        "Padé's states than in the draft, and not for the step of the integration. Two things of the "
+        "set-up explain it (second table). The filter of the draft's pilot takes thrust to come as soon "
+        "as it is asked for, so that the pilot asks for full thrust for a shorter time: that alone gives "
+        f"{', '.join(f'{1e3 * one:.2f}' for one in eager.values())} mm. And each millisecond by which "
+        f"thrust lags less takes off {1e3 * (base - lags) / 10.0:.1f} mm: with 2 ms less, which is less "
+        f"than a step of 5 ms, it is {', '.join(f'{1e3 * one:.2f}' for one in sooner.values())} mm. A "
+        "bound of 0.1 s is met by 0.053 s of the sine and 0.047 s of each pulse, so that pulses keep "
+        "their order; smaller ones by halves. Responses between two samples are interpolated.",
         data={
-            "peaks_median": {
-                f"{manoeuvre}, {name}, {bound}": np.median(found)
-                for (manoeuvre, name, bound), found in peaks.items()
-            },
+            "peaks_median": {", ".join(map(str, key)): np.median(found) for key, found in peaks.items()},
             "responses": {name: responses[name].mean(axis=0) for name in DESIGNS},
             "sigma": sigma,
             "response_over_noise": over_noise,
             "abrupt_stop_over_response": over_delay,
             "alarms": alarms,
         },
-        tables=(
-            _table(peaks, responses, sigma),
-            Table(
-                "Abrupt stop without variation of the delay: largest residual, mm",
-                ("", *DESIGNS.values()),
-                tuple(
-                    (what, *(f"{1e3 * one:.2f}" for one in found.values())) for what, found in causes.items()
-                ),
-            ),
-            _alarm_table(effort, alarms),
-        ),
+        tables=(_table(peaks, responses, sigma), by_cause, _alarm_table(effort, alarms)),
         figure=partial(_draw, peaks, responses, sigma),
     )
 
@@ -235,37 +227,31 @@ def _alarms(effort: Effort, name: Any, settings: dict[str, Any]) -> dict[str, fl
 def _table(
     peaks: dict[tuple[str, str, float], FloatArray], responses: dict[str, FloatArray], sigma: dict[str, float]
 ) -> Table:
-    rows = []
-    for manoeuvre in (*MANOEUVRES, OWN_FILTER):
-        for number, bound in enumerate(BOUNDS):
-            drafted = "abrupt" if manoeuvre == OWN_FILTER else manoeuvre
-            cells = [_cell(peaks[manoeuvre, name, bound], DRAFT[drafted, name][number]) for name in DESIGNS]
-            rows.append((f"{manoeuvre}, pulses up to {bound:g} s early or late", *cells))
-    for number, moment in enumerate(MOMENTS):
-        cells = [_cell(responses[name][:, number], DRAFT_FAULT[name][number]) for name in DESIGNS]
-        rows.append((f"valve stuck open, {moment} s after, 0.03 s", *cells))
-    rows.append(
-        (
-            "one sigma of an axis under ± 1 mm of noise",
-            *(_cell(np.array([sigma[name]]), DRAFT_NOISE[name]) for name in DESIGNS),
-        )
-    )
+    rows = [
+        (f"{manoeuvre}, pulses up to {bound:g} s early or late",
+         *(_cell(peaks[manoeuvre, name, bound], DRAFT[drafted, name][number]) for name in DESIGNS))
+        for manoeuvre, drafted in (*zip(MANOEUVRES, MANOEUVRES, strict=True), (OWN_FILTER, "abrupt"))
+        for number, bound in enumerate(BOUNDS)
+    ]  # fmt: skip
+    rows += [
+        (f"valve stuck open, {moment} s after, 0.03 s",
+         *(_cell(responses[name][:, number], DRAFT_FAULT[name][number]) for name in DESIGNS))
+        for number, moment in enumerate(MOMENTS)
+    ]  # fmt: skip
+    noise = [_cell(np.array([sigma[name]]), DRAFT_NOISE[name]) for name in DESIGNS]
     return Table(
         "Residual, mm: median (least to most) over flights; our draft, deviation of the median",
         ("", *DESIGNS.values()),
-        tuple(rows),
+        [*rows, ("one sigma of an axis under ± 1 mm of noise", *noise)],
     )
 
 
 def _cell(values: FloatArray, drafted: float | None) -> str:
-    mm = 1e3 * values
-    middle = float(np.median(mm))
-    text = f"{middle:.2f}"
-    if mm.size > 1:
-        text += f" ({mm.min():.2f} to {mm.max():.2f})"
-    if drafted is None:
-        return f"{text}; -"
-    return f"{text}; {drafted:g}, {100.0 * (middle / drafted - 1.0):+.0f} %"
+    middle = float(np.median(1e3 * values))
+    text = spread(1e3 * values, ".2f") if values.size > 1 else f"{middle:.2f}"
+    return (
+        f"{text}; -" if drafted is None else f"{text}; {drafted:g}, {100.0 * (middle / drafted - 1.0):+.0f} %"
+    )
 
 
 def _causes() -> dict[str, dict[str, float]]:
@@ -285,78 +271,51 @@ def _causes() -> dict[str, dict[str, float]]:
 
 
 def _alarm_table(effort: Effort, alarms: dict[str, dict[str, dict[str, float]]]) -> Table:
-    rows = []
-    for errors, by_design in alarms.items():
-        for name, found in by_design.items():
-            cells = []
-            for manoeuvre in MANOEUVRES:
-                low, high = clopper_pearson(int(found[manoeuvre]), effort.flights)
-                cells.append(
-                    f"{found[manoeuvre]:.0f} of {effort.flights} ({100.0 * low:.1f} to {100.0 * high:.1f} %)"
-                )
-            rows.append((errors, DESIGNS[name], f"{1e3 * found['threshold']:.1f} mm", *cells))
-    return Table(
+    count = effort.flights
+
+    def alarming(manoeuvre: str) -> Callable[..., str]:
+        return lambda _, __, found: (
+            f"{found[manoeuvre]:.0f} of {count} ({interval(found[manoeuvre], count)} %)"
+        )
+
+    return Table.of(
         "Healthy flights with a false alarm, all noise on, at 1.3 times the largest residual of approaches "
         "that brake before the target",
-        ("errors of mass and thrust", "design", "threshold", "smooth braking", "abrupt stop"),
-        tuple(rows),
+        [(errors, name, found) for errors, those in alarms.items() for name, found in those.items()],
+        {
+            "errors of mass and thrust": "{0}",
+            "design": lambda _, name, __: DESIGNS[name],
+            "threshold": lambda _, __, found: f"{1e3 * found['threshold']:.1f} mm",
+            "smooth braking": alarming("smooth"),
+            "abrupt stop": alarming("abrupt"),
+        },
     )
 
 
 def _draw(
-    peaks: dict[tuple[str, str, float], FloatArray],
-    responses: dict[str, FloatArray],
-    sigma: dict[str, float],
-    path: Path,
-) -> None:
+    peaks: dict[tuple[str, str, float], FloatArray], responses: dict[str, FloatArray], sigma: dict[str, float]
+) -> Figure:
     figure, axes = panels(3, height=4.2)
     for panel, manoeuvre in zip(axes, MANOEUVRES, strict=False):
         for shift, name in zip((-0.0012, 0.0, 0.0012), DESIGNS, strict=True):
-            found = [1e3 * peaks[manoeuvre, name, bound] for bound in BOUNDS]
-            middle = np.array([np.median(one) for one in found])
-            reach = np.array([[m - one.min(), one.max() - m] for m, one in zip(middle, found, strict=True)]).T
-            panel.errorbar(
-                np.array(BOUNDS) + shift, middle, reach, fmt="o-", color=COLOURS[name], markersize=4.0,
-                capsize=2.0,
-            )  # fmt: skip
+            found = 1e3 * np.array([peaks[manoeuvre, name, bound] for bound in BOUNDS])
+            middle = np.median(found, axis=1)
+            reach = (middle - found.min(axis=1), found.max(axis=1) - middle)
+            look = {"fmt": "o-", "color": COLOURS[name], "markersize": 4.0, "capsize": 2.0}
+            panel.errorbar(np.array(BOUNDS) + shift, middle, reach, **look)
             known = [one for one in DRAFT[manoeuvre, name] if one is not None]
             panel.plot(BOUNDS[: len(known)], known, "x", color=INK, markersize=5.0, zorder=3)
-        panel.set_title(f"{manoeuvre} stop, no fault")
-        panel.set_xlabel("pulses early or late by up to, s")
+        panel.set(title=f"{manoeuvre} stop, no fault", xlabel="pulses early or late by up to, s")
+    places = np.array([-0.25, 0.0, 0.25])
     for place, name in enumerate(DESIGNS):
-        for offset, value in zip(
-            (-0.25, 0.0, 0.25), (sigma[name], *responses[name].mean(axis=0)), strict=True
-        ):
-            axes[2].bar(place + offset, 1e3 * value, 0.22, color=COLOURS[name], label=DESIGNS[name])
-    axes[2].set_xticks(
-        [place + offset for place in range(3) for offset in (-0.25, 0.0, 0.25)],
-        ["1σ noise", "0.5 s", "1.0 s"] * 3, rotation=90, fontsize=8.5,
-    )  # fmt: skip
-    axes[2].set_title("noise, and open valve")
+        heights = 1e3 * np.array([sigma[name], *responses[name].mean(axis=0)])
+        axes[2].bar(place + places, heights, 0.22, color=COLOURS[name], label=DESIGNS[name])
+    names = ["1σ noise", "0.5 s", "1.0 s"] * 3
+    axes[2].set_xticks(np.add.outer(range(3), places).ravel(), names, rotation=90, fontsize=8.5)
+    axes[2].set(title="noise, and open valve")
     for panel in axes:
-        panel.set_yscale("log")
-        panel.set_ylim(0.03, 400.0)
+        panel.set(yscale="log", ylim=(0.03, 400.0))
     axes[0].set_ylabel("residual, mm: median and range")
-    handles, labels = axes[2].get_legend_handles_labels()
-    (cross,) = axes[0].plot([], [], "x", color=INK)
-    figure.legend(
-        [*handles[::3], cross], [*labels[::3], "our draft"], loc="outside lower center", ncols=4,
-        fontsize=8.5,
-    )  # fmt: skip
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="MSR-4.6",
-        title="Whether the model of the delay is worth its states",
-        source="Fonod 2013",
-        lines="beyond the source; L81-149, L225",
-        reported="nothing: the design is compared with none",
-        criterion=(
-            "by the response to a fault, Padé's states are better against noise and worse against a varying "
-            "delay, and an abrupt stop alarms"
-        ),
-        run=worth,
-    ),
-)
+    axes[2].plot([], [], "x", color=INK, label="our draft")
+    shared_legend(figure, axes[2], ncols=4)
+    return figure

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.valdes2008 import reproduces
 from thruster_baselines.detection import Confusion
 
 MEASURES = {
@@ -33,17 +34,11 @@ INTEGRATED_PRINTED = dict(zip(MEASURES, (99.79, 99.39, 0.03, 99.97, 0.61, 99.94)
 
 @dataclass(frozen=True)
 class Scenario:
-    """A row of Table 6.XXIX, and the pulses of the flagged pair that the table of the scenario lists.
+    """A row of Table 6.XXIX, and the pulses of the flagged pair that the table of the scenario lists."""
 
-    Attributes:
-        cells: As printed.
-        faulty: Pulses that are.
-        healthy: Pulses that are.
-    """
-
-    cells: Confusion
-    faulty: int
-    healthy: int
+    cells: Confusion  # as printed
+    faulty: int  # pulses that are
+    healthy: int  # pulses that are
 
     def adds_up(self, cells: Confusion) -> bool:
         """Whether cells count every pulse of the scenario once."""
@@ -70,6 +65,11 @@ SCENARIOS = {
 """Table 6.XXIX, and Tables 6.V to 6.XXVIII."""
 
 
+def cells_of(cells: Confusion) -> tuple[int, int, int, int]:
+    """The four counts."""
+    return cells.detected, cells.missed, cells.false_alarms, cells.cleared
+
+
 def computed(cells: Confusion) -> dict[str, float]:
     """The six measures in percent, by the name that the source gives them."""
     return {name: 100.0 * getattr(cells, standard) for name, standard in MEASURES.items()}
@@ -80,8 +80,14 @@ def differing(cells: Confusion, printed: Mapping[str, float]) -> list[str]:
     return [name for name, value in computed(cells).items() if abs(value - printed[name]) >= 0.01]
 
 
+@reproduces(
+    "E4.XI",
+    lines="Table 4.XI, L1313-1324",
+    reported=", ".join(f"{name} {value:.2f} %" for name, value in LOW_LEVEL_PRINTED.items()),
+    criterion="the printed measures from the printed cells, or which of them do not follow",
+)
 def low_level(effort: Effort) -> Finding:
-    """E4.XI."""
+    """Low-level confusion matrix from its printed cells."""
     ours, wrong = computed(LOW_LEVEL), differing(LOW_LEVEL, LOW_LEVEL_PRINTED)
     printed = LOW_LEVEL_PRINTED["Precision"]
     nearest = min(shares(LOW_LEVEL), key=lambda share: abs(100.0 * share - printed))
@@ -99,41 +105,47 @@ def low_level(effort: Effort) -> Finding:
         "cells gives",
         note="False Faulty is printed truncated. Precision in the usual sense, the share of alarms that are "
         f"right, is {usual:.2f} %.",
-        tables=(comparison((LOW_LEVEL, LOW_LEVEL_PRINTED)),),
+        tables=(comparison(LOW_LEVEL, LOW_LEVEL_PRINTED),),
     )
 
 
 def shares(cells: Confusion) -> list[float]:
     """Every ratio of two sums of different cells."""
-    counts = (cells.detected, cells.missed, cells.false_alarms, cells.cleared)
-    sums = [sum(c for c, used in zip(counts, which, strict=True) if used)
-            for which in product((False, True), repeat=4)]  # fmt: skip
+    sums = [sum(compress(cells_of(cells), which)) for which in product((False, True), repeat=4)]
     return [part / whole for part in sums for whole in sums if whole]
 
 
+@reproduces(
+    "E6.9",
+    lines="Tables 6.XXIX and 6.XXX, L2172-2199",
+    reported=", ".join(f"{name} {value:.2f} %" for name, value in INTEGRATED_PRINTED.items()),
+    criterion="the printed measures from the printed cells; rows that do not add up are named",
+)
 def integrated(effort: Effort) -> Finding:
-    """E6.9."""
+    """Integrated confusion matrix from its printed cells."""
     printed = Confusion.total(one.cells for one in SCENARIOS.values())
     corrected = Confusion.total(one.corrected() for one in SCENARIOS.values())
     swapped = [number for number, one in SCENARIOS.items() if one.corrected() != one.cells]
     large = Confusion.total(one.corrected() for number, one in SCENARIOS.items() if number > 2)
-    rows = tuple(
-        (
-            f"I-{number}", f"{one.faulty} / {one.healthy}", str(one.cells.detected),
-            _pair(one.cells.missed, one.corrected().missed),
-            _pair(one.cells.false_alarms, one.corrected().false_alarms), str(one.cells.cleared),
-        )
-        for number, one in SCENARIOS.items()
-    )  # fmt: skip
+    table = Table.of(
+        "Cells of Table 6.XXIX, corrected where they do not add up to the pulses of the scenario",
+        SCENARIOS,
+        {
+            "scenario": "I-{0}",
+            "pulses, faulty / healthy": "{1.faulty} / {1.healthy}",
+            "True Faulty": "{1.cells.detected}",
+            "False Healthy": lambda _, one: _pair(one.cells.missed, one.corrected().missed),
+            "False Faulty": lambda _, one: _pair(one.cells.false_alarms, one.corrected().false_alarms),
+            "True Healthy": "{1.cells.cleared}",
+        },
+    )
     return Finding(
         ours=", ".join(f"{name} {value:.2f} %" for name, value in computed(corrected).items()),
         checks={
             "the printed cells give the six printed measures": not differing(printed, INTEGRATED_PRINTED),
             "rows 3 and 6 do not add up, and do with False Healthy and False Faulty swapped": swapped
             == [3, 6],
-            "every corrected row adds up": all(
-                one.adds_up(one.corrected()) for one in SCENARIOS.values()
-            ),
+            "every corrected row adds up": all(one.adds_up(one.corrected()) for one in SCENARIOS.values()),
             "the accuracy does not change": printed.accuracy == corrected.accuracy,
         },
         data={"printed": computed(printed), "corrected": computed(corrected), "swapped": swapped,
@@ -145,15 +157,7 @@ def integrated(effort: Effort) -> Finding:
         f"{(SCENARIOS[1].faulty + SCENARIOS[2].faulty) / printed.faulty:.0%} of the faulty pulses; without "
         f"them the accuracy is {large.accuracy:.2%}. Only pulses of the flagged pair are counted, and no "
         "mission without a fault.",
-        tables=(
-            comparison((corrected, INTEGRATED_PRINTED)),
-            Table(
-                "Cells of Table 6.XXIX, corrected where they do not add up to the pulses of the scenario",
-                ("scenario", "pulses, faulty / healthy", "True Faulty", "False Healthy", "False Faulty",
-                 "True Healthy"),
-                rows,
-            ),
-        ),
+        tables=(comparison(corrected, INTEGRATED_PRINTED), table),
     )  # fmt: skip
 
 
@@ -161,36 +165,15 @@ def _pair(printed: int, corrected: int) -> str:
     return str(printed) if printed == corrected else f"{printed} → {corrected}"
 
 
-def comparison(what: tuple[Confusion, Mapping[str, float]]) -> Table:
+def comparison(cells: Confusion, printed: Mapping[str, float]) -> Table:
     """The six measures beside the printed ones."""
-    cells, printed = what
-    return Table(
+    return Table.of(
         "The measures of the source",
-        ("measure", "standard name", "printed", "computed"),
-        tuple(
-            (name, MEASURES[name].replace("_", " "), f"{printed[name]:.2f} %", f"{value:.2f} %")
-            for name, value in computed(cells).items()
-        ),
+        computed(cells),
+        {
+            "measure": "{0}",
+            "standard name": lambda name, _: MEASURES[name].replace("_", " "),
+            "printed": lambda name, _: f"{printed[name]:.2f} %",
+            "computed": "{1:.2f} %",
+        },
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E4.XI",
-        title="Low-level confusion matrix from its printed cells",
-        source="Valdes 2008",
-        lines="Table 4.XI, L1313-1324",
-        reported=", ".join(f"{name} {value:.2f} %" for name, value in LOW_LEVEL_PRINTED.items()),
-        criterion="the printed measures from the printed cells, or which of them do not follow",
-        run=low_level,
-    ),
-    Reproduction(
-        id="E6.9",
-        title="Integrated confusion matrix from its printed cells",
-        source="Valdes 2008",
-        lines="Tables 6.XXIX and 6.XXX, L2172-2199",
-        reported=", ".join(f"{name} {value:.2f} %" for name, value in INTEGRATED_PRINTED.items()),
-        criterion="the printed measures from the printed cells; rows that do not add up are named",
-        run=integrated,
-    ),
-)

@@ -1,12 +1,10 @@
 """The missions of the fair comparison, and the methods that judge them.
 
-Missions: follower 1 turns to an attitude drawn from roll 20 to 35, pitch 30 to 50, yaw 40 to 60 degrees,
-which no method has seen. One of its six thrusters fails by one of the three causes, at once (17 to 30 % of
-thrust) or growing from nothing (to 20 to 40 %), from a moment in the first 100 s on. Each mission has a
-healthy twin, with the same attitude and sensor errors. A pulse is faulty if its thrust, without errors, is
-out of the band of 15 %; the fault acts on the firings of its thruster and on nothing else.
-
-Thresholds come from the validation seeds, networks from the training seeds, judgements from the test seeds.
+Follower 1 turns to an attitude drawn from roll 20 to 35, pitch 30 to 50, yaw 40 to 60 degrees, which no
+method has seen. One of its six thrusters fails by one of the three causes, at once (17 to 30 % of thrust) or
+growing (to 20 to 40 %), from a moment in the first 100 s on; each mission has a paired fault-free run, with
+the same attitude and sensor errors. A pulse is faulty if its thrust, without errors, is out of the band of 15
+%. Thresholds come from validation seeds, networks from training seeds, judgements from test seeds.
 """
 
 from __future__ import annotations
@@ -23,14 +21,7 @@ import torch
 from reproductions.record import Effort
 from reproductions.valdes2008.high_level_study import FOLLOWER, high_level
 from reproductions.valdes2008.integrated_study import integrated
-from reproductions.valdes2008.low_level_study import (
-    CLOSE,
-    HEALTHY_PULSES,
-    STOP,
-    VOLTAGES,
-    seeds_of,
-    trained,
-)
+from reproductions.valdes2008.low_level_study import CLOSE, HEALTHY_PULSES, STOP, VOLTAGES, seeds_of, trained
 from reproductions.valdes2008.study import (
     CIRCUIT,
     CUBESAT,
@@ -61,23 +52,6 @@ from thruster_envs.physics.plasma_pulse import pulse_waveforms
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
 
-__all__ = [
-    "FORMS",
-    "LEARNED",
-    "Mission",
-    "Plan",
-    "Said",
-    "drawn_pulses",
-    "fit",
-    "further_false_alarms",
-    "healthy_missions",
-    "judge",
-    "plan_of",
-    "pulse_networks",
-    "scores",
-    "test_missions",
-]
-
 _LOW, _HIGH = (20.0, 30.0, 40.0), (35.0, 50.0, 60.0)  # roll, pitch and yaw, degrees
 _STEP, _RAMP = (0.17, 0.30), (0.20, 0.40)  # change of thrust
 _ONSET, _GROWTH = (0.0, 100.0), (100.0, 1000.0)  # s
@@ -97,46 +71,27 @@ Said: TypeAlias = dict[str, list[list[BoolArray]]]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is flown.
+    """How much is flown."""
 
-    Attributes:
-        forms: So many of the 36 pairs of thruster and form of fault; each with a healthy twin.
-        healthy: Healthy missions for thresholds, and as many for rates of false alarms.
-        seeds: Training runs of each network.
-        rate: Of false alarms that thresholds of whole missions are set to.
-    """
-
-    forms: int
-    healthy: int
-    seeds: int
-    rate: float
+    forms: int  # so many of the 36 pairs of thruster and form of fault; each with a fault-free run
+    healthy: int  # healthy missions for thresholds, and as many for rates of false alarms
+    seeds: int  # training runs of each network
+    rate: float  # of false alarms that thresholds of whole missions are set to
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What is known of one mission of follower 1.
+    """What is known of one mission of follower 1."""
 
-    Attributes:
-        signals: As the networks take them.
-        attitude: (periods + 1, 4), inertial, as measured.
-        rate: (periods + 1, 3), rad/s, likewise.
-        step: (firings,), period from 0.
-        thruster: (firings,), from 0.
-        parameters: Of the pulses, as `pulse_waveforms` takes them.
-        faulty: (firings,), whether the thrust is out of the band.
-        failing: Thruster that fails, from 0; -1 in a healthy one.
-        form: Fault case and whether it grows; None in a healthy one.
-    """
-
-    signals: MissionSignals
-    attitude: FloatArray
-    rate: FloatArray
-    step: IntArray
-    thruster: IntArray
-    parameters: dict[str, FloatArray]
-    faulty: BoolArray
-    failing: int
-    form: tuple[int, bool] | None
+    signals: MissionSignals  # as the networks take them
+    attitude: FloatArray  # (periods + 1, 4), inertial, as measured
+    rate: FloatArray  # (periods + 1, 3), rad/s, likewise
+    step: IntArray  # (firings,), period from 0
+    thruster: IntArray  # (firings,), from 0
+    parameters: dict[str, FloatArray]  # of the pulses, as `pulse_waveforms` takes them
+    faulty: BoolArray  # (firings,), whether the thrust is out of the band
+    failing: int  # thruster that fails, from 0; -1 in a healthy one
+    form: tuple[int, bool] | None  # fault case and whether it grows; None in a healthy one
 
 
 def plan_of(effort: Effort) -> Plan:
@@ -178,7 +133,7 @@ def _targets(rng: np.random.Generator, count: int) -> FloatArray:
 
 @cache
 def test_missions(forms: int) -> tuple[Mission, ...]:
-    """The faulty ones, then their healthy twins."""
+    """The faulty ones, then their fault-free runs."""
     rng = np.random.default_rng(TEST.start + 100)
     cases = [(thruster, form) for thruster in range(6) for form in FORMS]
     cases = [cases[k] for k in rng.permutation(len(cases))[:forms]]
@@ -268,11 +223,11 @@ def drawn_pulses(rng: np.random.Generator, count: int) -> tuple[dict[str, FloatA
         for name, values in changed(kind, drawn).items():
             parameters[name][own] = values
     parameters["voltage"] = rng.uniform(*VOLTAGES, count)
-    kick = (CIRCUIT.electrode_width / parameters["electrode_width"]) ** 2
-    kick *= CIRCUIT.slug_mass / parameters["slug_mass"]
+    impulse = (CIRCUIT.electrode_width / parameters["electrode_width"]) ** 2
+    impulse *= CIRCUIT.slug_mass / parameters["slug_mass"]
     rest = {name: parameters[name] for name in ("added_resistance", "voltage")}
-    by_mass = thrust_of(slug_mass=CIRCUIT.slug_mass / kick, **rest)
-    by_width = thrust_of(electrode_width=CIRCUIT.electrode_width / np.sqrt(kick), **rest)
+    by_mass = thrust_of(slug_mass=CIRCUIT.slug_mass / impulse, **rest)
+    by_width = thrust_of(electrode_width=CIRCUIT.electrode_width / np.sqrt(impulse), **rest)
     return parameters, np.log(np.stack((by_mass, by_width, thrust_of(**parameters)), axis=1))
 
 
@@ -345,17 +300,11 @@ def _residual(rate: float) -> PulseResidual:
 
 @dataclass(frozen=True)
 class MissionThresholds:
-    """What whole missions are judged with, from healthy ones of the validation seeds.
+    """What whole missions are judged with, from healthy ones of the validation seeds."""
 
-    Attributes:
-        counts: Cumulative sums of pulse counts.
-        share: Of the largest deviation of a thruster's share from one, in its standard deviations.
-        networks: For each seed, of the residuals of roll, pitch and yaw.
-    """
-
-    counts: PulseCountCUSUM
-    share: float
-    networks: tuple[FloatArray, ...]
+    counts: PulseCountCUSUM  # cumulative sums of pulse counts
+    share: float  # of the largest deviation of a thruster's share from one, in its standard deviations
+    networks: tuple[FloatArray, ...]  # for each seed, of the residuals of roll, pitch and yaw
 
 
 @cache

@@ -7,15 +7,17 @@ for the ramp of the width, within one pulse for that of the mass, and not for th
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import FormatStrFormatter
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
-from reproductions.valdes2008.confusion_tables import LOW_LEVEL, MEASURES
+from reproductions.cells import spread
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels, thin
+from reproductions.record import Effort, Finding, Table
+from reproductions.valdes2008 import Result, reproduces
+from reproductions.valdes2008.confusion_tables import LOW_LEVEL, MEASURES, cells_of
 from reproductions.valdes2008.low_level_study import (
     CLOSE,
     HEALTHY_PULSES,
@@ -37,7 +39,6 @@ from reproductions.valdes2008.study import (
 )
 from thruster_baselines.detection import Confusion
 from thruster_envs.physics.plasma_pulse import pulse_thrust
-from thruster_envs.protocols import FloatArray
 
 STOPS = {STOP: "stopped at 1e-4, as the source", CLOSE: "trained on to 3e-5"}
 PRINTED_THRESHOLD = 0.0371
@@ -49,27 +50,28 @@ PRINTED_RAMPS = {
 """For each ramp: the first alarm, the first faulty pulse, and the cells of both thrusters."""
 
 
-def spread(values: list[float] | FloatArray, form: str = ".4f") -> str:
-    """Median and range."""
-    numbers = np.asarray(values, dtype=np.float64)
-    return f"{np.median(numbers):{form}} ({numbers.min():{form}} to {numbers.max():{form}})"
-
-
+@reproduces(
+    "E4.5",
+    lines="Fig. 4.9, L1181-1193",
+    reported="mean square error 1e-4",
+    criterion="1e-4 or less on healthy pulses, every seed",
+)
 def training(effort: Effort) -> Finding:
-    """E4.5."""
+    """Training of the low-level network."""
     count = seeds_of(effort)
     runs = {stop: trained(stop, count) for stop in STOPS}
     errors = {stop: [one.record.error for one in found] for stop, found in runs.items()}
     floor = (CURRENT_ERROR / runs[STOP][0].classifier.settings.current_scale) ** 2
     parallel = {stop: [float(one.healthy.mean()) for one in found] for stop, found in runs.items()}
-    rows = tuple(
-        (
-            STOPS[stop],
-            spread(errors[stop], ".2g"),
-            spread([one.record.iterations for one in runs[stop]], ".0f"),
-            spread(parallel[stop]),
-        )
-        for stop in STOPS
+    table = Table.of(
+        "Median and range",
+        STOPS,
+        {
+            "training": "{1}",
+            "mean square error": lambda stop, _: spread(errors[stop], ".2g"),
+            "iterations": lambda stop, _: spread([one.record.iterations for one in runs[stop]], ".0f"),
+            "residual of healthy pulses, own output": lambda stop, _: spread(parallel[stop]),
+        },
     )
     return Finding(
         ours=f"{sum(error <= STOP for error in errors[STOP])} of {count} networks reach 1e-4, after "
@@ -80,39 +82,36 @@ def training(effort: Effort) -> Finding:
         },
         data={"mean square error": errors, "residual of healthy pulses": parallel, "noise floor": floor},
         note=f"{count} networks of {runs[STOP][0].classifier.network.parameter_count} parameters, by L-BFGS "
-        "with the exact gradient. "
-        f"Errors of the samples alone give {floor:.2g}. The criterion is one of the prediction from the "
-        "measured current, sample by sample, to which the current itself comes close. What counts later is "
-        "the error on the network's own output, and at 1e-4 that is anything.",
-        tables=(
-            Table(
-                "Median and range",
-                ("training", "mean square error", "iterations", "residual of healthy pulses, own output"),
-                rows,
-            ),
-        ),
+        f"with the exact gradient. Errors of the samples alone give {floor:.2g}. The criterion is one of the "
+        "prediction from the measured current, sample by sample, to which the current itself comes close. "
+        "What counts later is the error on the network's own output, and at 1e-4 that is anything.",
+        tables=(table,),
         figure=partial(_draw_training, count),
     )
 
 
-def _draw_training(count: int, path: Path) -> None:
+def _draw_training(count: int) -> Figure:
     figure, axes = panels(2, height=3.8)
     voltage, current = measured(np.random.default_rng(49), voltage=[CIRCUIT.voltage])
     time = 1e6 * CIRCUIT.sample_time * np.arange(1, current.shape[1])
     for axis, (stop, label), colour in zip(axes, STOPS.items(), (ORANGE, BLUE), strict=True):
         axis.plot(time, 1e-3 * current[0, 1:], color=INK, linewidth=2.5, alpha=0.4, label="measured")
-        for number, one in enumerate(trained(stop, count)):
-            expected = one.classifier.predict(voltage, current)[0]
-            text = f"{count} networks, own output" if number == 0 else None
-            axis.plot(time, 1e-3 * expected, color=colour, linewidth=0.8, label=text)
+        said = np.array([one.classifier.predict(voltage, current)[0] for one in trained(stop, count)])
+        thin(axis, time, 1e-3 * said, colour, f"{count} networks, own output", linewidth=0.8)
         axis.set(xlabel="time (µs)", ylabel="current (kA)", xlim=(0.0, 20.0), ylim=(-14.0, 14.0))
-        axis.set_title(f"A healthy pulse, {label}", loc="left")
+        axis.set(title=f"A healthy pulse, {label}")
         axis.legend(loc="lower right")
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E4.6",
+    lines="Table 4.VI, Figs. 4.10 and 4.11, L1195-1212",
+    reported="0.0371; no false alarm of 120; 89.1 to 114.9 µN from 857 to 980 V",
+    criterion="eq. 4.2 with 1.15, no false alarm of the 120; thrust within 0.7 µN",
+)
 def threshold(effort: Effort) -> Finding:
-    """E4.6."""
+    """Threshold of the low-level network from 120 healthy pulses."""
     count = seeds_of(effort)
     found = {stop: [one.threshold for one in trained(stop, count)] for stop in STOPS}
     own = [int((one.healthy > one.threshold).sum()) for stop in STOPS for one in trained(stop, count)]
@@ -153,17 +152,18 @@ def ramp(kind: str, effort: Effort) -> Finding:
     false_alarms = {stop: [one.false_alarms for one in those] for stop, those in results.items()}
     median = {stop: float(np.median(firsts[stop])) for stop in STOPS}
     like = {stop: median[stop] < first_faulty for stop in STOPS}
-    rows = [("source", str(first_printed), _cells(printed), "0")]
+    cells = {stop: [cells_of(one.confusion) for one in those] for stop, those in results.items()}
+    rows = [("source", str(first_printed), _listed(cells_of(printed)), "0")]
     for stop, label in STOPS.items():
-        cells = [one.confusion for one in results[stop]]
-        rows.append(
-            (
-                label,
-                spread(firsts[stop], ".0f"),
-                _cells_of_median(cells),
-                spread(false_alarms[stop], ".0f"),
-            )
-        )
+        middle = _listed(np.median(cells[stop], axis=0))
+        rows.append((label, spread(firsts[stop], ".0f"), middle, spread(false_alarms[stop], ".0f")))
+    table = Table(
+        f"{count} networks, median and range",
+        ("", "first alarm", "detected / missed / false / cleared, both thrusters",
+         "false alarms of the healthy thruster"),
+        rows,
+    )  # fmt: skip
+    both = firsts[STOP] + firsts[CLOSE]
     early = first_printed < PRINTED_RAMPS[kind][2]
     checks = {
         "the healthy thruster has no false alarm in the median network": all(
@@ -178,164 +178,107 @@ def ramp(kind: str, effort: Effort) -> Finding:
         checks=checks,
         data={
             "first alarm": firsts, "first faulty": first_faulty, "false alarms": false_alarms,
-            "confusion": {stop: [vars_of(one.confusion) for one in those] for stop, those in results.items()},
+            "confusion": cells,
         },
         not_reproducible=f"the first alarm at pulse {first_printed}: which pulse is the first depends on the "
-        f"seed, from {min(firsts[STOP] + firsts[CLOSE])} to "
-        f"{_or_none(max(firsts[STOP] + firsts[CLOSE]), faulty.size)} of {faulty.size}",
+        f"seed, from {min(both)} to {max(both) if max(both) <= faulty.size else 'none'} of {faulty.size}",
         note=f"Ramp of the {what}. By computed thrust {int((~faulty).sum())} pulses are healthy and "
         f"{int(faulty.sum())} faulty; the source counts {PRINTED_RAMPS[kind][2] - 1} and "
         f"{faulty.size - PRINTED_RAMPS[kind][2] + 1}. A first alarm of {faulty.size + 1} means none. No "
         "fault changes the relation of voltage and current that the network learns; it shows by what the "
         "network learned wrongly.",
-        tables=(
-            Table(
-                f"{count} networks, median and range",
-                ("", "first alarm", "detected / missed / false / cleared, both thrusters",
-                 "false alarms of the healthy thruster"),
-                tuple(rows),
-            ),
-        ),
+        tables=(table,),
         figure=partial(_draw_ramp, kind, count),
     )  # fmt: skip
 
 
-def vars_of(cells: Confusion) -> tuple[int, int, int, int]:
-    """The four counts."""
-    return cells.detected, cells.missed, cells.false_alarms, cells.cleared
+def _listed(cells: Iterable[float]) -> str:
+    return " / ".join(f"{one:.0f}" for one in cells)
 
 
-def _cells(cells: Confusion) -> str:
-    return " / ".join(str(one) for one in vars_of(cells))
-
-
-def _cells_of_median(cells: list[Confusion]) -> str:
-    return " / ".join(f"{one:.0f}" for one in np.median([vars_of(one) for one in cells], axis=0))
-
-
-def _or_none(pulse: int, pulses: int) -> str:
-    return "none" if pulse > pulses else str(pulse)
-
-
-def _draw_ramp(kind: str, count: int, path: Path) -> None:
+def _draw_ramp(kind: str, count: int) -> Figure:
     figure, axes = panels(2, height=3.8)
     faulty = out_of_band(thrust_of(**RAMPS[kind]))
     number = np.arange(1, faulty.size + 1)
     for axis, (stop, label), colour in zip(axes, STOPS.items(), (ORANGE, BLUE), strict=True):
-        results = ramp_results(kind, stop, count)
-        ratio = np.array(
-            [one.residual / run.threshold for one, run in zip(results, trained(stop, count), strict=True)]
-        )
-        axis.plot(number, ratio.T, color=colour, linewidth=0.7, alpha=0.6)
+        networks = zip(ramp_results(kind, stop, count), trained(stop, count), strict=True)
+        ratio = np.array([one.residual / run.threshold for one, run in networks])
+        thin(axis, number, ratio, colour, linewidth=0.7, alpha=0.6)
         axis.plot(number, np.median(ratio, axis=0), color=colour, linewidth=2.2, label="median network")
         axis.axhline(1.0, color=INK, linestyle="--", linewidth=1.0, label="threshold")
         axis.axvline(int(np.argmax(faulty)) + 0.5, color=GREEN, linewidth=1.2, label="thrust leaves the band")
-        axis.axvline(
-            PRINTED_RAMPS[kind][1] - 0.5, color=INK, linestyle=":", label="first alarm of the source"
-        )
-        axis.set(xlabel="pulse", ylabel="residual over threshold", yscale="log")
+        first = PRINTED_RAMPS[kind][1] - 0.5
+        axis.axvline(first, color=INK, linestyle=":", label="first alarm of the source")
+        axis.set(xlabel="pulse", ylabel="residual over threshold", yscale="log", title=label)
         axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         axis.yaxis.set_minor_formatter(FormatStrFormatter("%g"))
         axis.tick_params(axis="y", which="minor", labelsize=7)
-        axis.set_title(label, loc="left")
     axes[0].legend(loc="best", fontsize=8)
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E4.7",
+    lines="Table 4.XI, L1292-1328",
+    reported="accuracy 88.89 %, true faulty 57.63 %",
+    criterion="accuracy of the median network within ten percentage points; a quarter of the faults or more "
+    "missed",
+)
 def confusion(effort: Effort) -> Finding:
-    """E4.7."""
+    """Confusion matrix of the low-level networks over the three ramps."""
     count = seeds_of(effort)
+    ramps = {stop: zip(*(ramp_results(kind, stop, count) for kind in RAMPS), strict=True) for stop in STOPS}
     totals = {
-        stop: [
-            Confusion.total(ramp_results(kind, stop, count)[seed].confusion for kind in RAMPS)
-            for seed in range(count)
-        ]
-        for stop in STOPS
+        stop: [Confusion.total(one.confusion for one in seed) for seed in those]
+        for stop, those in ramps.items()
     }
     measures = {stop: {name: [100.0 * getattr(one, standard) for one in those]
                        for name, standard in MEASURES.items()} for stop, those in totals.items()}  # fmt: skip
     accuracy = measures[STOP]["Accuracy"]
     recall = measures[STOP]["True Faulty"]
     printed = 100.0 * LOW_LEVEL.accuracy
-    rows = tuple(
-        (name, f"{100.0 * getattr(LOW_LEVEL, standard):.2f} %",
-         *(f"{spread(measures[stop][name], '.1f')} %" for stop in STOPS))
-        for name, standard in MEASURES.items()
+    table = Table(
+        f"{count} networks, median and range",
+        ("measure", "source", *STOPS.values()),
+        [
+            (name, f"{100.0 * getattr(LOW_LEVEL, standard):.2f} %",
+             *(f"{spread(measures[stop][name], '.1f')} %" for stop in STOPS))
+            for name, standard in MEASURES.items()
+        ],
     )  # fmt: skip
     return Finding(
         ours=f"accuracy {spread(accuracy, '.1f')} % where the source stops, "
         f"{spread(measures[CLOSE]['Accuracy'], '.1f')} % trained on",
         checks={
-            "accuracy of the median network within ten percentage points": abs(
-                float(np.median(accuracy)) - printed
-            )
-            < 10.0,
+            "accuracy of the median network within ten percentage points": (
+                abs(np.median(accuracy) - printed) < 10.0
+            ),
             "the median network misses a quarter of the faults or more": float(np.median(recall)) <= 75.0,
         },
-        data={"measures": measures, "cells": {stop: [vars_of(one) for one in those]
-              for stop, those in totals.items()}},
+        data={"measures": measures, "cells": {
+            stop: list(map(cells_of, those)) for stop, those in totals.items()}},
         not_reproducible="the single figure: accuracy of the same network and data goes over a range of "
         f"{max(accuracy) - min(accuracy):.0f} percentage points with the seed",
         note="Of the three ramps and the healthy thrusters beside them, as Table 4.XI has it. The measures "
         "are under the source's names; what it prints is recomputed from its cells (E4.XI).",
-        tables=(
-            Table(
-                f"{count} networks, median and range",
-                ("measure", "source", *STOPS.values()),
-                rows,
-            ),
-        ),
+        tables=(table,),
     )  # fmt: skip
 
 
-REPRODUCTIONS = (
-    Reproduction(
-        id="E4.5",
-        title="Training of the low-level network",
-        source="Valdes 2008",
-        lines="Fig. 4.9, L1181-1193",
-        reported="mean square error 1e-4",
-        criterion="1e-4 or less on healthy pulses, every seed",
-        run=training,
-    ),
-    Reproduction(
-        id="E4.6",
-        title="Threshold of the low-level network from 120 healthy pulses",
-        source="Valdes 2008",
-        lines="Table 4.VI, Figs. 4.10 and 4.11, L1195-1212",
-        reported="0.0371; no false alarm of 120; 89.1 to 114.9 µN from 857 to 980 V",
-        criterion="eq. 4.2 with 1.15, no false alarm of the 120; thrust within 0.7 µN",
-        run=threshold,
-    ),
-    Reproduction(
-        id="E4.7",
-        title="Confusion matrix of the low-level networks over the three ramps",
-        source="Valdes 2008",
-        lines="Table 4.XI, L1292-1328",
-        reported="accuracy 88.89 %, true faulty 57.63 %",
-        criterion="accuracy of the median network within ten percentage points; a quarter of the faults or "
-        "more missed",
-        run=confusion,
-    ),
-    *(
-        Reproduction(
-            id=f"L-FS{number}",
-            title=f"Low-level detection along the ramp of the {PRINTED_RAMPS[kind][0]}",
-            source="Valdes 2008",
-            lines=lines,
-            reported=f"first alarm at pulse {PRINTED_RAMPS[kind][1]}, first faulty pulse "
-            f"{PRINTED_RAMPS[kind][2]}; no false alarm of {OTHER[kind]} pulses of the healthy thruster",
-            criterion="early or late as in the source, in the median network; no false alarm of the healthy "
-            "thruster",
-            run=partial(ramp, kind),
-        )
-        for number, (kind, lines) in enumerate(
-            (
-                ("propellant_loss", "Table 4.VIII, Figs. 4.12 and 4.13, L1228-1246"),
-                ("electrode_sediment", "Table 4.IX, Figs. 4.14 and 4.15, L1248-1268"),
-                ("conductivity_loss", "Table 4.X, Figs. 4.16 and 4.17, L1270-1290"),
-            ),
-            start=1,
-        )
-    ),
+REPRODUCTIONS = tuple(
+    Result(
+        id=f"L-FS{number}",
+        title=f"Low-level detection along the ramp of the {PRINTED_RAMPS[kind][0]}",
+        lines=lines,
+        reported=f"first alarm at pulse {PRINTED_RAMPS[kind][1]}, first faulty pulse "
+        f"{PRINTED_RAMPS[kind][2]}; no false alarm of {OTHER[kind]} pulses of the healthy thruster",
+        criterion="early or late as in the source, in the median network; no false alarm of the healthy "
+        "thruster",
+        run=partial(ramp, kind),
+    )
+    for number, kind, lines in (
+        (1, "propellant_loss", "Table 4.VIII, Figs. 4.12 and 4.13, L1228-1246"),
+        (2, "electrode_sediment", "Table 4.IX, Figs. 4.14 and 4.15, L1248-1268"),
+        (3, "conductivity_loss", "Table 4.X, Figs. 4.16 and 4.17, L1270-1290"),
+    )
 )

@@ -3,11 +3,9 @@
 Three 4-10-1 networks of dynamic neurons predict the rates of follower 1 from its pulses and its relative
 quaternion; trained on missions 1 to 3, thresholds by eq. 5.3 from missions 1 to 6, all healthy. The source
 does not say when its training stops; here it is at a mean square error of 1e-4, or after 150 iterations of
-L-BFGS.
-
-Each faulty mission is flown three ways, with the same sensor errors: with the fault acting on the firings of
-its thruster, as a fault does; without it (the healthy twin, which the source does not fly); and with the
-torque besides that the source's pulse counts would need (`REPORTED_FAULT_BIAS`).
+L-BFGS. Each faulty mission is flown three ways, with the same sensor errors: with the fault acting on the
+firings of its thruster, as a fault does; without it (the paired fault-free run, which the source does not
+fly); and with the torque besides that the source's pulse counts would need (`REPORTED_FAULT_BIAS`).
 """
 
 from __future__ import annotations
@@ -28,20 +26,6 @@ from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
 
-__all__ = [
-    "EXPERIMENTS",
-    "FOLLOWER",
-    "HEALTHY_MISSIONS",
-    "Experiment",
-    "Flown",
-    "TrainedHigh",
-    "experiment_signals",
-    "flown",
-    "healthy_signals",
-    "high_level",
-    "incremental_resistance",
-]
-
 FOLLOWER = 1  # follower 1, from 0: the leader is 0
 Flown = Literal["fault", "twin", "torque"]
 HEALTHY_MISSIONS = ((25, 40, 55), (20, 45, 60), (35, 45, 55), (30, 40, 50), (30, 45, 55), (35, 50, 60))
@@ -55,21 +39,13 @@ _PIECES = (20.0, 100.0, 400.0, 2600.0)  # s after the onset, where the straight 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A faulty mission of the source.
+    """A faulty mission of the source."""
 
-    Attributes:
-        target: Roll, pitch and yaw, degrees.
-        thruster: That fails, from 1.
-        case: Fault case 1, 2 or 3.
-        onset: s.
-        incremental: Whether it grows (eq. 6.3, 6.4) or comes at 15 %.
-    """
-
-    target: tuple[int, int, int]
-    thruster: int
-    case: int
-    onset: float = 0.0
-    incremental: bool = False
+    target: tuple[int, int, int]  # Roll, pitch and yaw, degrees
+    thruster: int  # that fails, from 1
+    case: int  # fault case 1, 2 or 3
+    onset: float = 0.0  # s
+    incremental: bool = False  # whether it grows (eq. 6.3, 6.4) or comes at 15 %
 
     @property
     def axis(self) -> int:
@@ -129,17 +105,11 @@ def _incremental(experiment: Experiment) -> list[Fault]:
 
 @dataclass(frozen=True)
 class TrainedHigh:
-    """High-level networks of one seed.
+    """High-level networks of one seed."""
 
-    Attributes:
-        classifier: With its thresholds.
-        records: Of the three trainings.
-        healthy: (6, 3), residuals of the six healthy missions.
-    """
-
-    classifier: HighLevelClassifier
-    records: tuple[TrainingRecord, ...]
-    healthy: FloatArray
+    classifier: HighLevelClassifier  # with its thresholds
+    records: tuple[TrainingRecord, ...]  # of the three trainings
+    healthy: FloatArray  # (6, 3), residuals of the six healthy missions
 
     @property
     def thresholds(self) -> FloatArray:

@@ -2,11 +2,9 @@
 
 High-level networks as in `high_level_study`, low-level ones as in `low_level_study`, trained on to 3e-5:
 those that stop where the source stops are of no use here. The upper threshold is that of the low level, the
-lower one that of 120 healthy pulses at 910 V.
-
-Which pulses are faulty follows the source: all of the failing thruster after a fault of 15 % began, though
-its thrust is at the limit of the band (85.1 % and 114.7 %), and those with a thrust out of the band where the
-fault grows.
+lower one that of 120 healthy pulses at 910 V. Which pulses are faulty follows the source: all of the failing
+thruster after a fault of 15 % began, though its thrust is at the limit of the band (85.1 % and 114.7 %), and
+those with a thrust out of the band where the fault grows.
 """
 
 from __future__ import annotations
@@ -31,35 +29,23 @@ from thruster_baselines.detection import Confusion
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.seeds import TEST, VALIDATION
 
-__all__ = ["SCENARIOS", "Firings", "Judged", "firings", "integrated", "judged"]
-
 SCENARIOS = tuple(name for name in EXPERIMENTS if name.startswith("I-"))
 
 
 @dataclass(frozen=True)
 class Firings:
-    """Those of follower 1 in a mission.
+    """Those of follower 1 in a mission."""
 
-    Attributes:
-        thruster: (firings,), from 0.
-        faulty: (firings,), whether each is.
-    """
-
-    thruster: IntArray
-    faulty: BoolArray
+    thruster: IntArray  # (firings,), from 0
+    faulty: BoolArray  # (firings,), whether each is
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What the scheme of one seed says of a mission.
+    """What the scheme of one seed says of a mission."""
 
-    Attributes:
-        report: Of the integrated scheme.
-        low: (firings,), what the low level alone says of each, with its one threshold.
-    """
-
-    report: MissionReport
-    low: BoolArray
+    report: MissionReport  # of the integrated scheme
+    low: BoolArray  # (firings,), what the low level alone says of each, with its one threshold
 
 
 @cache

@@ -3,10 +3,9 @@
 Each is a 2-10-1 network of dynamic neurons, trained to predict the current one sample ahead from the measured
 voltage and current of twelve healthy pulses with charge voltages from 857 to 977 V (the source does not say
 how many), and used on its own output. The source stops at a mean square error of 1e-4. That is four times the
-variance of the errors of the samples, so that there is a second set that goes on to 3e-5.
-
-The threshold is (4.2) with 1.15, of 120 healthy pulses that were not trained on. The source's go up to 980 V,
-where the thrust is above the band; these go to 977 V.
+variance of the errors of the samples, so that there is a second set that goes on to 3e-5. The threshold is
+(4.2) with 1.15, of 120 healthy pulses that were not trained on. The source's go up to 980 V, where the thrust
+is above the band; these go to 977 V.
 """
 
 from __future__ import annotations
@@ -25,19 +24,6 @@ from thruster_baselines.detection import Confusion
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.seeds import TEST, TRAIN, VALIDATION
 
-__all__ = [
-    "CLOSE",
-    "HEALTHY_PULSES",
-    "OTHER",
-    "STOP",
-    "VOLTAGES",
-    "RampResult",
-    "Trained",
-    "ramp_results",
-    "seeds_of",
-    "trained",
-]
-
 STOP, CLOSE = 1e-4, 3e-5  # mean square errors at which training ends
 VOLTAGES = (857.0, 977.0)  # V
 HEALTHY_PULSES = 120
@@ -50,19 +36,12 @@ OTHER = {"propellant_loss": 41, "electrode_sediment": 64, "conductivity_loss": 4
 
 @dataclass(frozen=True)
 class Trained:
-    """A low-level network of one seed.
+    """A low-level network of one seed."""
 
-    Attributes:
-        classifier: With its threshold.
-        record: Of the training.
-        healthy: (120,), residuals that the threshold is made from.
-        fresh: (120,), residuals of other healthy pulses at the same voltages.
-    """
-
-    classifier: LowLevelClassifier
-    record: TrainingRecord
-    healthy: FloatArray
-    fresh: FloatArray
+    classifier: LowLevelClassifier  # with its threshold
+    record: TrainingRecord  # of the training
+    healthy: FloatArray  # (120,), residuals that the threshold is made from
+    fresh: FloatArray  # (120,), residuals of other healthy pulses at the same voltages
 
     @property
     def threshold(self) -> float:
@@ -73,21 +52,13 @@ class Trained:
 
 @dataclass(frozen=True)
 class RampResult:
-    """What one network says of one ramp.
+    """What one network says of one ramp."""
 
-    Attributes:
-        residual: (pulses,), of the thruster that degrades.
-        other: Residuals of the healthy one.
-        faulty: (pulses,), whether the thrust is out of the band.
-        declared: (pulses,).
-        false_alarms: Of the healthy one.
-    """
-
-    residual: FloatArray
-    other: FloatArray
-    faulty: BoolArray
-    declared: BoolArray
-    false_alarms: int
+    residual: FloatArray  # (pulses,), of the thruster that degrades
+    other: FloatArray  # Residuals of the healthy one
+    faulty: BoolArray  # (pulses,), whether the thrust is out of the band
+    declared: BoolArray  # (pulses,)
+    false_alarms: int  # of the healthy one
 
     @property
     def confusion(self) -> Confusion:

@@ -17,22 +17,6 @@ from thruster_envs.physics.plasma_pulse import pulse_thrust, pulse_waveforms
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Discharge, load
 
-__all__ = [
-    "CIRCUIT",
-    "CUBESAT",
-    "CURRENT_ERROR",
-    "FAULT_CASES",
-    "NOMINAL_THRUST",
-    "RAMPS",
-    "SEEDS",
-    "STEP_SEVERITY",
-    "VOLTAGE_ERROR",
-    "measured",
-    "out_of_band",
-    "step_fault",
-    "thrust_of",
-]
-
 CUBESAT = load("ppt_cubesat")
 assert CUBESAT.discharge is not None
 CIRCUIT: Discharge = CUBESAT.discharge

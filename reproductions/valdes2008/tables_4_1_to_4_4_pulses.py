@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.valdes2008 import Result
 from reproductions.valdes2008.study import CIRCUIT, measured
 from thruster_envs.physics.plasma_pulse import pulse_thrust, pulse_waveforms
 from thruster_envs.protocols import FloatArray
@@ -26,23 +26,15 @@ DRAWS = 20  # pulses with errors
 
 @dataclass(frozen=True)
 class Printed:
-    """A table of the source.
+    """A table of the source."""
 
-    Attributes:
-        parameters: What differs from a healthy thruster, as `pulse_waveforms` takes it.
-        thrust: N.
-        end_voltage: V.
-        peak: Largest current, A.
-        extremes: Largest and smallest voltage, V, largest and smallest current, A.
-        settling: Of voltage, thrust and current, microseconds.
-    """
-
-    parameters: dict[str, Any]
-    thrust: float
-    end_voltage: float
-    peak: float
+    parameters: dict[str, Any]  # what differs from a healthy thruster, as `pulse_waveforms` takes it
+    thrust: float  # N
+    end_voltage: float  # V
+    peak: float  # largest current, A
+    # largest and smallest voltage, V, largest and smallest current, A
     extremes: tuple[float, float, float, float]
-    settling: tuple[float, float, float]
+    settling: tuple[float, float, float]  # of voltage, thrust and current, microseconds
 
 
 CASES = {
@@ -116,55 +108,45 @@ def pulse(name: str, tolerance: float, effort: Effort) -> Finding:
     )  # fmt: skip
 
 
-def _draw(name: str, path: Path) -> None:
+def _draw(name: str) -> Figure:
     figure, axes = panels(3, height=3.4)
     rng = np.random.default_rng(42)
-    for label, colour in _curves(name):
+    for label, colour in {"healthy": BLUE, name: BLUE if name == "healthy" else ORANGE}.items():
         case = CASES[label]
         waves = pulse_waveforms(CIRCUIT, **case.parameters)
         slug = case.parameters.get("slug_mass", CIRCUIT.slug_mass)
-        noisy = measured(rng, **case.parameters)
-        time = 1e6 * waves.time
+        noisy, time = measured(rng, **case.parameters), 1e6 * waves.time
         if label == name:
-            axes[0].plot(time[::4], noisy[0][::4], ".", color=colour, markersize=1.2, alpha=0.5)
-            axes[1].plot(time[::4], 1e-3 * noisy[1][::4], ".", color=colour, markersize=1.2, alpha=0.5)
-        axes[0].plot(time, waves.voltage, color=colour, linewidth=1.3)
-        axes[1].plot(time, 1e-3 * waves.current, color=colour, linewidth=1.3)
-        axes[2].plot(time, 1e6 * slug * waves.velocity, color=colour, linewidth=1.3, label=label)
+            for axis, scale, samples in zip(axes, (1.0, 1e-3), noisy, strict=False):
+                axis.plot(time[::4], scale * samples[::4], ".", color=colour, markersize=1.2, alpha=0.5)
+        curves = (waves.voltage, 1e-3 * waves.current, 1e6 * slug * waves.velocity)
+        for axis, curve in zip(axes, curves, strict=True):
+            axis.plot(time, curve, color=colour, linewidth=1.3, label=label)
         axes[2].axhline(1e6 * case.thrust, color=INK, linestyle="--", linewidth=0.9)
     for axis, what in zip(axes, ("voltage (V)", "current (kA)", "impulse (µN s)"), strict=True):
         axis.set(xlabel="time (µs)", ylabel=what, xlim=(0.0, 16.0))
     axes[2].legend(loc="lower right")
-    axes[0].set_title("Dots: with errors; dashed: printed thrust", loc="left")
-    save(figure, path)
+    axes[0].set(title="Dots: with errors; dashed: printed thrust")
+    return figure
 
 
-def _curves(name: str) -> list[tuple[str, str]]:
-    return [("healthy", BLUE)] if name == "healthy" else [("healthy", BLUE), (name, ORANGE)]
-
-
-def _reproduction(number: int, name: str, title: str, lines: str, tolerance: float) -> Reproduction:
-    case = CASES[name]
-    return Reproduction(
+REPRODUCTIONS = tuple(
+    Result(
         id=f"E4.{number}",
         title=title,
-        source="Valdes 2008",
         lines=lines,
         reported=f"{1e6 * case.thrust:.0f} µN; {case.peak:.4g} A at most; {case.end_voltage:g} V at the end",
         criterion=f"thrust within {1e6 * tolerance:g} µN, peak current within 1 %, end voltage within 4 V",
         run=partial(pulse, name, tolerance),
     )
-
-
-REPRODUCTIONS = tuple(
-    _reproduction(number, name, title, lines, tolerance)
-    for number, (name, title, lines, tolerance) in enumerate(
+    for (number, (name, case)), (title, lines, tolerance) in zip(
+        enumerate(CASES.items(), start=1),
         (
-            ("healthy", "A healthy pulse", "Table 4.I, Fig. 4.1, L1035-1055", 0.3e-6),
-            ("m0 = 3.00e-9 kg", "A pulse with too little propellant", "Table 4.II, L1057-1077", 0.3e-6),
-            ("w = 0.02195 m", "A pulse between sedimented electrodes", "Table 4.III, L1079-1101", 0.5e-6),
-            ("R_pe = 0.008 ohm", "A pulse with less conductivity", "Table 4.IV, L1103-1125", 0.3e-6),
+            ("A healthy pulse", "Table 4.I, Fig. 4.1, L1035-1055", 0.3e-6),
+            ("A pulse with too little propellant", "Table 4.II, L1057-1077", 0.3e-6),
+            ("A pulse between sedimented electrodes", "Table 4.III, L1079-1101", 0.5e-6),
+            ("A pulse with less conductivity", "Table 4.IV, L1103-1125", 0.3e-6),
         ),
-        start=1,
+        strict=True,
     )
 )

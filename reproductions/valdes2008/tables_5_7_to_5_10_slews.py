@@ -2,31 +2,24 @@
 
 Flown with the gains of the source. Control period, impulse of a firing, dead band, sensor errors and
 disturbances are not in the source; those here are the ones at which the healthy manoeuvre needs about the
-pulses that it reports. A fault acts when its thruster fires, and then only.
-
-The reported pulse counts of the faulty cases (3871 and 0 of a pair) contradict the balance of angular
-momentum from rest to rest, unless a torque of 6e-8 N m acts besides; and one firing a second leaves room for
-3000.
+pulses that it reports. The reported counts of the faulty cases (3871 and 0 of a pair) contradict the balance
+of angular momentum from rest to rest, unless a torque of 6e-8 N m acts besides; and one firing a second
+leaves room for 3000.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.cells import spread
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.valdes2008 import Result
 from reproductions.valdes2008.study import step_fault
-from thruster_envs.missions import (
-    ATTITUDE_TOLERANCE,
-    RATE_TOLERANCE,
-    SETTLING_LIMIT,
-    Missions,
-    fly_missions,
-)
+from thruster_envs.missions import ATTITUDE_TOLERANCE, RATE_TOLERANCE, SETTLING_LIMIT, Missions, fly_missions
 from thruster_envs.physics.pulsed_craft import REPORTED_FAULT_BIAS
 from thruster_envs.protocols import FloatArray
 from thruster_envs.seeds import TEST
@@ -39,17 +32,11 @@ SIGNALS = ("q1", "q2", "q3", "rate x", "rate y", "rate z")
 
 @dataclass(frozen=True)
 class Printed:
-    """A table of the source.
+    """A table of the source."""
 
-    Attributes:
-        settling: s, of q1, q2, q3 and the three rates.
-        error: At the end, likewise.
-        pulses: Of thrusters 1 to 6.
-    """
-
-    settling: tuple[float, ...]
-    error: tuple[float, ...]
-    pulses: tuple[int, ...]
+    settling: tuple[float, ...]  # s, of q1, q2, q3 and the three rates
+    error: tuple[float, ...]  # at the end, likewise
+    pulses: tuple[int, ...]  # of thrusters 1 to 6
 
 
 HEALTHY = Printed(
@@ -84,23 +71,21 @@ def _counts(missions: Missions) -> FloatArray:
     return missions.firings()[:, FOLLOWER].astype(np.float64)
 
 
-def _rows(case: int, missions: Missions) -> tuple[tuple[str, ...], ...]:
+def _table(case: int, missions: Missions) -> Table:
     printed, settling = PRINTED[case], missions.settling_times()[:, FOLLOWER]
     error, counts = missions.final_errors()[:, FOLLOWER], _counts(missions)
-    signals = tuple(
+    signals = [
         (f"{name} settles (s), error at the end", f"{printed.settling[k]:g}, {printed.error[k]:.2g}",
-         f"{np.median(settling[:, k]):.0f} ({settling[:, k].min():.0f} to {settling[:, k].max():.0f}), "
-         f"{np.median(error[:, k]):.2g} (at most {error[:, k].max():.2g})")
+         f"{spread(settling[:, k], '.0f')}, {np.median(error[:, k]):.2g} (at most {error[:, k].max():.2g})")
         for k, name in enumerate(SIGNALS)
-    )  # fmt: skip
-    return signals + tuple(
-        (f"pulses of thruster {k + 1}", str(printed.pulses[k]),
-         f"{np.median(counts[:, k]):.0f} ({counts[:, k].min():.0f} to {counts[:, k].max():.0f})")
-        for k in range(6)
-    )  # fmt: skip
+    ]  # fmt: skip
+    pulses = [
+        (f"pulses of thruster {k + 1}", str(printed.pulses[k]), spread(counts[:, k], ".0f")) for k in range(6)
+    ]
+    return Table("Follower 1, median and range", ("", "printed", "ours"), signals + pulses)
 
 
-def _figure(case: int, path: Path) -> None:
+def _figure(case: int) -> Figure:
     missions = flown(case, 1)
     figure, axes = panels(3, height=3.4)
     errors = missions.errors()[0, :, FOLLOWER]
@@ -110,15 +95,14 @@ def _figure(case: int, path: Path) -> None:
         signed = np.cumsum(np.abs(missions.pulses[0, :, FOLLOWER, k]))
         axes[2].plot(missions.time[1:], signed, color=colour, linewidth=1.2, label=f"pair {name}")
     for sign in (-1.0, 1.0):
-        axes[0].axhline(sign * ATTITUDE_TOLERANCE, color=INK, linestyle="--", linewidth=0.8)
-        axes[1].axhline(sign * 1e3 * RATE_TOLERANCE, color=INK, linestyle="--", linewidth=0.8)
-    axes[0].set(xlabel="time (s)", ylabel="attitude error", ylim=(-0.05, 0.05))
-    axes[1].set(xlabel="time (s)", ylabel="relative rate (mrad/s)")
-    axes[2].set(xlabel="time (s)", ylabel="pulses so far")
+        for axis, tolerance in zip(axes, (ATTITUDE_TOLERANCE, 1e3 * RATE_TOLERANCE), strict=False):
+            axis.axhline(sign * tolerance, color=INK, linestyle="--", linewidth=0.8)
+    for axis, label in zip(axes, ("attitude error", "relative rate (mrad/s)", "pulses so far"), strict=True):
+        axis.set(xlabel="time (s)", ylabel=label)
+    axes[0].set(ylim=(-0.05, 0.05), title="Dashed: required at the end")
     axes[0].legend(loc="upper right")
     axes[2].legend(loc="lower right")
-    axes[0].set_title("Dashed: required at the end", loc="left")
-    save(figure, path)
+    return figure
 
 
 def healthy(effort: Effort) -> Finding:
@@ -141,7 +125,7 @@ def healthy(effort: Effort) -> Finding:
         "chosen, since the source has none",
         note=f"The counts differ from the printed ones by {distance:.0%} of their sum. {len(counts)} flights "
         "with other sensor errors.",
-        tables=(Table("Follower 1, median and range", ("", "printed", "ours"), _rows(0, missions)),),
+        tables=(_table(0, missions),),
         figure=partial(_figure, 0),
     )  # fmt: skip
 
@@ -149,43 +133,38 @@ def healthy(effort: Effort) -> Finding:
 def faulty(case: int, effort: Effort) -> Finding:
     """E5.2 to E5.4."""
     flights = _flights(effort)
-    missions, sound = flown(case, flights), flown(0, flights)
-    quiet, quiet_sound = flown(case, 1, noise=False), flown(0, 1, noise=False)
+    missions, healthy = flown(case, flights), flown(0, flights)
+    noiseless, reference = flown(case, 1, noise=False), flown(0, 1, noise=False)
     biased = _counts(flown(case, 1, noise=False, biased=True))[0]
-    share = float(quiet.thrust[0, :, FOLLOWER, 0].max())
-    ratio = float(_counts(quiet)[0, 0] / _counts(quiet_sound)[0, 0])
+    share = float(noiseless.thrust[0, :, FOLLOWER, 0].max())
+    ratio = float(_counts(noiseless)[0, 0] / _counts(reference)[0, 0])
     counts, met = _counts(missions), int(missions.meets_requirements()[:, FOLLOWER].sum())
-    quantum = 1.0 / _counts(quiet_sound)[0, 0]
+    quantum = 1.0 / _counts(reference)[0, 0]
     printed = PRINTED[case]
     reached = missions.final_errors()[:, FOLLOWER, :3].max()
     checks = {
         "the attitude is reached all the same": reached < ATTITUDE_TOLERANCE,
-        "without sensor errors thruster 1 fires 1 / share as often as healthy, within one pulse": abs(
-            ratio - 1.0 / share
-        )
-        <= 1.5 * quantum,
+        "without sensor errors thruster 1 fires 1 / share as often as healthy, within one pulse": (
+            abs(ratio - 1.0 / share) <= 1.5 * quantum
+        ),
     }
     if case == 3:
         loss = flown(1, 1, noise=False)
         checks["losses of equal thrust by mass and by conductivity are the same flight, within a pulse"] = (
-            np.abs(_counts(quiet) - _counts(loss)).max() <= 1
+            np.abs(_counts(noiseless) - _counts(loss)).max() <= 1
         )
     limit = np.array((ATTITUDE_TOLERANCE,) * 3 + (RATE_TOLERANCE,) * 3)
+    late, off = np.array(printed.settling) >= SETTLING_LIMIT, np.array(printed.error) >= limit
     wrong = [
-        f"{name} {'settles' if late else 'ends'} outside of it"
-        for name, late, off in zip(
-            SIGNALS,
-            np.array(printed.settling) >= SETTLING_LIMIT,
-            np.array(printed.error) >= limit,
-            strict=True,
-        )
-        if late or off
+        f"{name} {'settles' if late[k] else 'ends'} outside of it"
+        for k, name in enumerate(SIGNALS)
+        if late[k] or off[k]
     ]
     return Finding(
         ours=f"thruster 1 at {share:.1%} of its thrust fires {ratio:.2f} times as often; requirements met in "
         f"{met} of {flights} flights; pulses {_list(np.median(counts, axis=0))}",
         checks=checks,
-        data={"ratio": ratio, "share": share, "pulses": counts, "healthy pulses": _counts(sound),
+        data={"ratio": ratio, "share": share, "pulses": counts, "healthy pulses": _counts(healthy),
               "pulses with a torque besides": biased, "met": met},
         not_reproducible=f"the pulse counts {_list(printed.pulses)}: from rest to rest a thruster of "
         f"{share:.1%} of its thrust fires {1.0 / share:.2f} times as often. With a torque of "
@@ -193,7 +172,7 @@ def faulty(case: int, effort: Effort) -> Finding:
         f"{_list(biased)}",
         note="The source says that the requirements are met; by its own figures "
         f"{', '.join(wrong)}." if wrong else "",
-        tables=(Table("Follower 1, median and range", ("", "printed", "ours"), _rows(case, missions)),),
+        tables=(_table(case, missions),),
         figure=partial(_figure, case),
     )  # fmt: skip
 
@@ -208,20 +187,18 @@ def _reported(case: int) -> str:
 
 
 REPRODUCTIONS = (
-    Reproduction(
+    Result(
         id="E5.1",
         title="The manoeuvre [20, 30, 40] degrees, healthy",
-        source="Valdes 2008",
         lines="Table 5.VII, L1441-1469",
         reported=_reported(0),
         criterion="requirements met; settling in 400 to 850 s; 10 to 95 pulses of each thruster",
         run=healthy,
     ),
     *(
-        Reproduction(
+        Result(
             id=f"E5.{case + 1}",
             title=f"The manoeuvre with thruster 1 {what}",
-            source="Valdes 2008",
             lines=lines,
             reported=_reported(case),
             criterion="attitude reached; pulses in the inverse ratio of the thrust",

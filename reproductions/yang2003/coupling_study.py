@@ -45,21 +45,13 @@ METHODS: Mapping[str, Callable[[], Mapper]] = {
 
 @dataclass(frozen=True)
 class Trial:
-    """What one method made of the commands of one condition.
+    """What one method made of the commands of one condition."""
 
-    Attributes:
-        error: (count,), miss over command.
-        iterations: (count,), linear programs solved; ones where there is nothing to count.
-        failed: (count,), whether the method itself says that it did not get there.
-        seconds: Per command, in a batch on one thread.
-        firing: (count,), s, sum of on-times.
-    """
-
-    error: Array
-    iterations: NDArray[np.int64]
-    failed: NDArray[np.bool_]
-    seconds: float
-    firing: Array
+    error: Array  # (count,), miss over command
+    iterations: NDArray[np.int64]  # (count,), linear programs solved; ones where there is nothing to count
+    failed: NDArray[np.bool_]  # (count,), whether the method itself says that it did not get there
+    seconds: float  # per command, in a batch on one thread
+    firing: Array  # (count,), s, sum of on-times
 
 
 def commands(condition: str, count: int, share: float = SHARE, seed: int = 2003) -> Array:

@@ -4,10 +4,9 @@ The source does not say how its random firings were drawn. Here, as far as its o
 thrusters of Orion, intervals of 1 s, four thrusters open in each, all choices equally likely, for uniform
 times; thrust scatters uniformly by 10 % from firing to firing; a measured rate change has errors of 0.5 mm/s
 and 0.5 mrad/s (with the 0.5 degrees/s that the source writes too, its thresholds would alarm all the time;
-see E35). On-times are effective: the loss of the shared feed plays no part.
-
-The filter has R = 10 and Q = 0.01, and begins with the covariance at which it settles. A flight is healthy,
-then one thruster, any of them, keeps a quarter of its thrust.
+see E35). On-times are effective: the loss of the shared feed plays no part. The filter has R = 10 and Q =
+0.01, and begins with the covariance at which it settles. A flight is healthy, then one thruster, any of them,
+keeps a quarter of its thrust.
 """
 
 from __future__ import annotations
@@ -32,21 +31,6 @@ from thruster_baselines.detection.evaluate import Rate
 from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, SOURCE_PROCESS_NOISE
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import load
-
-__all__ = [
-    "DETECTORS",
-    "EFFECTIVENESS",
-    "ONSET",
-    "Conditions",
-    "Record",
-    "alarm_rate",
-    "calibrated",
-    "flights_of",
-    "fly",
-    "measure",
-    "random_on_times",
-    "record",
-]
 
 EFFECTIVENESS = load("orion").effectiveness()
 AXES, THRUSTERS = EFFECTIVENESS.shape
@@ -73,22 +57,15 @@ DETECTORS: dict[str, Callable[..., BaseDetector]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What is swept.
+    """What is swept."""
 
-    Attributes:
-        error: Of the measurements, as a multiple of the source's.
-        scatter: Of the firings, as a multiple of the source's.
-        measurement_noise: R of the filter.
-        process_noise: Q of the filter.
-    """
-
-    error: float = 1.0
-    scatter: float = 1.0
-    measurement_noise: float = SOURCE_MEASUREMENT_NOISE
-    process_noise: float = SOURCE_PROCESS_NOISE
+    error: float = 1.0  # of the measurements, as a multiple of the source's
+    scatter: float = 1.0  # of the firings, as a multiple of the source's
+    measurement_noise: float = SOURCE_MEASUREMENT_NOISE  # R of the filter
+    process_noise: float = SOURCE_PROCESS_NOISE  # Q of the filter
 
     def filter_settings(self) -> dict[str, Any]:
-        """What a detector is told: R, Q, and the covariance at which Q u^2 balances what is learned."""
+        """What a detector is given: R, Q, and the covariance at which Q u^2 balances what is learned."""
         mean_square = OPEN / THRUSTERS / 3.0  # of an on-time
         settled = np.sqrt(self.process_noise * self.measurement_noise / mean_square)
         return {
@@ -99,17 +76,11 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Record:
-    """What the detectors said of the same flights, in every interval.
+    """What the detectors said of the same flights, in every interval."""
 
-    Attributes:
-        statistic: By detector, (flights, intervals).
-        named: By detector, (flights, intervals): whom it would blame, from 1; 0 for nobody.
-        thruster: (flights,), the one that fails, from 1.
-    """
-
-    statistic: dict[str, FloatArray]
-    named: dict[str, IntArray]
-    thruster: IntArray
+    statistic: dict[str, FloatArray]  # by detector, (flights, intervals)
+    named: dict[str, IntArray]  # by detector, (flights, intervals): whom it would blame, from 1; 0 for nobody
+    thruster: IntArray  # (flights,), the one that fails, from 1
 
 
 def flights_of(effort: Effort) -> int:
@@ -149,22 +120,22 @@ def fly(
     """
     rng = np.random.default_rng(seed)
     intervals = ONSET + watched
-    told = random_on_times(rng, (intervals, flights))
+    commanded = random_on_times(rng, (intervals, flights))
     thruster = rng.integers(1, THRUSTERS + 1, flights)
-    delivered = told.copy()
+    delivered = commanded.copy()
     delivered[ONSET:, np.arange(flights), thruster - 1] *= KEPT
     change = measure(rng, delivered, conditions.error * ERROR, conditions.scatter * SCATTER)
-    return told, change, thruster
+    return commanded, change, thruster
 
 
 @cache
 def record(conditions: Conditions, flights: int, seed: int) -> Record:
     """Fly, and write down what each detector says."""
-    told, change, thruster = fly(conditions, flights, seed)
+    commanded, change, thruster = fly(conditions, flights, seed)
     statistic, named = {}, {}
     for name, detector_of in DETECTORS.items():
         detector = detector_of(EFFECTIVENESS, 0.0, vehicles=flights, **conditions.filter_settings())
-        said = [detector.update(told[t], change[t], 1.0) for t in range(len(told))]
+        said = [detector.update(commanded[t], change[t], 1.0) for t in range(len(commanded))]
         statistic[name] = np.stack([one.statistic for one in said], axis=1)
         named[name] = np.stack([one.thruster for one in said], axis=1)
     return Record(statistic, named, thruster)

@@ -1,23 +1,14 @@
-"""Flights of `OrionRendezvous-v0` with one random fault each, flown by pilots that know more or less of it.
+"""Flights of `OrionRendezvous-v0` with faults, flown by pilots that know more or less of them.
 
-One thruster fails in the first third of the flight: it is dead, gives half of its thrust, or stays open;
-which one, how and when is drawn from the seed of the flight. All pilots plan with the same planner and
-allocate with the same mapper; they differ in what they know:
-
-- the oracle is told which thruster fails, and how, at the first decision after it did;
-- the classical pilot finds out by itself;
-- the blind one finds out nothing, but plans anew from where the craft is;
-- the open-loop one follows the plan of the start without looking;
-- the last one does nothing.
-
-Where a flight ended is taken from the true state. Flights in which nothing fails (`fly_healthy`) show what
-the classical pilot takes for a fault.
+All pilots plan with the same planner and allocate with the same mapper. The oracle knows which thruster
+fails, and how, at the first decision after it did; the classical pilot finds out by itself; the blind one
+finds out nothing, but plans anew from where the craft is; the open-loop one follows the plan of the start;
+the last one does nothing. Where a flight ended is taken from the true state.
 """
 
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -37,12 +28,10 @@ from thruster_baselines.control.quaternions import attitude_error
 from thruster_baselines.control.rendezvous import RendezvousSettings
 from thruster_baselines.guidance import RendezvousPlanner
 from thruster_envs import rollout
-from thruster_envs.faults import KINDS, FaultDistribution
+from thruster_envs.faults import KINDS, Fault, FaultDistribution
 from thruster_envs.physics.health import effect_of
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
-
-__all__ = ["FAULT_KINDS", "PILOTS", "Flight", "HealthyFlight", "fly", "fly_all", "fly_healthy"]
 
 FAULT_KINDS = ("stuck_off", "loss", "stuck_on")
 _HALF = 0.5
@@ -51,88 +40,60 @@ _FEW = 10  # up to so many flights are flown in this process
 
 @dataclass(frozen=True)
 class Flight:
-    """How a flight went.
+    """How a flight went."""
 
-    Attributes:
-        pilot: Who flew.
-        seed: Of the episode.
-        kind: Of the fault, as `thruster_envs.faults.KINDS` has it.
-        thruster: That failed, from 1.
-        onset: When it did, s; the first decision after it.
-        success: Whether the craft was in the terminal box when the time was up.
-        lost: Whether it went out of bounds on the way.
-        miss: Distance from the target at the end, or where it was lost, m.
-        speed: There, m/s.
-        angle: Between body and LVLH, there, rad.
-        rate: Of the body, inertial, there, rad/s.
-        firing_time: Thruster-seconds of open valve.
-        decisions: What a pilot that diagnoses decided of thrusters.
-    """
-
-    pilot: str
-    seed: int
-    kind: str
-    thruster: int
-    onset: float
-    success: bool
-    lost: bool
-    miss: float
-    speed: float
-    angle: float
-    rate: float
-    firing_time: float
-    decisions: tuple[Decision, ...]
+    pilot: str  # who flew
+    seed: int  # of the episode
+    kind: str  # of the fault, as `thruster_envs.faults.KINDS` has it
+    thruster: int  # that failed, from 1
+    onset: float  # when it did, s; the first decision after it
+    success: bool  # whether the craft was in the terminal box when the time was up
+    lost: bool  # whether it went out of bounds on the way
+    miss: float  # distance from the target at the end, or where it was lost, m
+    speed: float  # there, m/s
+    angle: float  # between body and LVLH, there, rad
+    rate: float  # of the body, inertial, there, rad/s
+    firing_time: float  # thruster-seconds of open valve
+    decisions: tuple[Decision, ...]  # what a pilot that diagnoses decided of thrusters
 
 
 @dataclass(frozen=True)
 class HealthyFlight:
-    """How the classical pilot flew with nothing failing.
+    """How the classical pilot flew with nothing failing."""
 
-    Attributes:
-        seed: Of the episode.
-        success: Whether the craft was in the terminal box when the time was up.
-        firing_time: Thruster-seconds of open valve.
-        threshold: Of the likelihood ratio.
-        statistics: (intervals,), the likelihood ratio.
-        names: How often it named a thruster.
-    """
-
-    seed: int
-    success: bool
-    firing_time: float
-    threshold: float
-    statistics: FloatArray
-    names: int
+    seed: int  # of the episode
+    success: bool  # whether the craft was in the terminal box when the time was up
+    firing_time: float  # thruster-seconds of open valve
+    threshold: float  # of the likelihood ratio
+    statistics: FloatArray  # (intervals,), the likelihood ratio
+    names: int  # how often it named a thruster
 
 
-class Pilot(ABC):
-    """Acts on what it sees."""
+class Pilot:
+    """Acts on an observation; most hear nothing of faults, and decide nothing of thrusters."""
 
-    @abstractmethod
+    log: Sequence[Decision] = ()
+
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Action (n,), -1 to 1."""
+        raise NotImplementedError
 
-    def tell(self, truth: Mapping[str, Any]) -> None:  # noqa: B027 - most are told nothing
+    def tell(self, truth: Mapping[str, Any]) -> None:
         """Hear `info["fault"]` of this moment, before acting."""
-
-    @property
-    def log(self) -> Sequence[Decision]:
-        """What it decided so far."""
-        return ()
 
 
 class Classical(Pilot):
     """Diagnoses by itself."""
 
-    def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
-        self._pilot = ClassicalPilot(spacecraft, steps)
+    def __init__(self, spacecraft: Spacecraft, steps: int, **settings: Any) -> None:
+        self._pilot = ClassicalPilot(spacecraft, steps, **settings)
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """As it decides."""
         return self._pilot(observation)
 
     @property
-    def log(self) -> Sequence[Decision]:
+    def log(self) -> Sequence[Decision]:  # type: ignore[override]
         """What it decided so far."""
         return self._pilot.log
 
@@ -141,11 +102,11 @@ class Blind(Classical):
     """The same, but without diagnosis."""
 
     def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
-        self._pilot = ClassicalPilot(spacecraft, steps, diagnosis=None)
+        super().__init__(spacecraft, steps, diagnosis=None)
 
 
 class Oracle(Blind):
-    """Told of each fault at the first decision after its onset."""
+    """Knows each fault from the first decision after its onset."""
 
     def tell(self, truth: Mapping[str, Any]) -> None:
         """Believe what is true."""
@@ -204,91 +165,95 @@ PILOTS: dict[str, Callable[[Spacecraft, int], Pilot]] = {
 }
 
 
+@dataclass(frozen=True)
+class DeadThrusterFlights:
+    """How flights of one pilot with a dead thruster ended."""
+
+    success: FloatArray  # (flights,), whether the craft was in the terminal box when the time was up
+    lost: FloatArray  # (flights,), whether it went out of bounds before
+    miss: FloatArray  # (flights,), distance from the target at the end, or where it was lost, m
+    firing_time: FloatArray  # (flights,), thruster-seconds of open valve; a dead one does not open
+    spent: FloatArray  # (flights, steps + 1), firing time up to each step; constant after a loss
+
+
 def fly_all(
     seeds: Sequence[int],
     orbits: float = 0.5,
     pilots: Sequence[str] = tuple(PILOTS),
     period: float | None = None,
 ) -> list[Flight]:
-    """Fly each seed with each pilot; many are shared among the processors.
-
-    Args:
-        seeds: Of the episodes.
-        orbits: Time for the rendezvous.
-        pilots: Of `PILOTS`.
-        period: Of control, s; Orion's by default.
-    """
-    jobs = [(pilot, seed) for seed in seeds for pilot in pilots]
-    fly_one = partial(_fly_job, orbits=orbits, period=period)
-    if len(seeds) <= _FEW:
-        return [fly_one(job) for job in jobs]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(fly_one, jobs, chunksize=len(pilots)))
+    """Fly each seed with each pilot, one after the other, as `fly` does."""
+    return _shared(
+        fly, [(pilot, seed) for seed in seeds for pilot in pilots], len(pilots), len(seeds), orbits, period
+    )
 
 
 def fly_healthy(
     seeds: Sequence[int], orbits: float = 0.5, period: float | None = None
 ) -> list[HealthyFlight]:
-    """Fly each seed with the classical pilot and no fault; many are shared among the processors.
+    """Fly each seed with the classical pilot and no fault."""
+    return _shared(_fly_healthy, [(seed,) for seed in seeds], 1, len(seeds), orbits, period)
 
-    Args:
-        seeds: Of the episodes.
-        orbits: Time for the rendezvous.
-        period: Of control, s; Orion's by default.
-    """
-    fly_one = partial(_fly_healthy, orbits=orbits, period=period)
-    if len(seeds) <= _FEW:
-        return [fly_one(seed) for seed in seeds]
+
+def _shared(
+    one: Callable[..., Any],
+    jobs: list[tuple[Any, ...]],
+    chunk: int,
+    seeds: int,
+    orbits: float,
+    period: float | None,
+) -> list[Any]:
+    """Do jobs; many seeds are shared among the processors."""
+    job = partial(one, orbits=orbits, period=period)
+    if seeds <= _FEW:
+        return [job(*arguments) for arguments in jobs]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(fly_one, seeds))
+        return list(pool.map(job, *zip(*jobs, strict=True), chunksize=chunk))
 
 
 def _fly_healthy(seed: int, orbits: float, period: float | None) -> HealthyFlight:
     env = _environment(orbits, period)
-    task = env.unwrapped.task
-    pilot = ClassicalPilot(task.vehicle, task.steps)
+    pilot = ClassicalPilot(env.unwrapped.task.vehicle, env.unwrapped.task.steps)
     flown = rollout.fly(env, pilot, seed, record=("success", "fuel"))
     return HealthyFlight(
-        seed=seed,
-        success=bool(flown.success[-1]),
-        firing_time=float(flown.fuel[-1]),
-        threshold=pilot.detector.threshold,
-        statistics=np.array(pilot.statistics),
-        names=sum(one.what == "named" for one in pilot.log),
-    )
+        seed, bool(flown.success[-1]), float(flown.fuel[-1]), pilot.detector.threshold,
+        np.array(pilot.statistics), sum(one.what == "named" for one in pilot.log),
+    )  # fmt: skip
 
 
-def _environment(orbits: float, period: float | None) -> Any:
+def _environment(orbits: float, period: float | None = None) -> Any:
     spacecraft = load("orion")
     if period is not None:
         spacecraft = replace(spacecraft, control_period=period)
     return gym.make(ENVIRONMENT, orbits=orbits, spacecraft=spacecraft, disable_env_checker=True)
 
 
-def _fly_job(job: tuple[str, int], orbits: float, period: float | None) -> Flight:
-    return fly(*job, orbits=orbits, period=period)
+def _flown(env: Any, pilot: str, seed: int, faults: Any) -> tuple[Any, Pilot]:
+    """The recording of an episode, and the pilot that has flown it, who hears of faults before acting."""
+    flies = PILOTS[pilot](env.unwrapped.task.vehicle, env.unwrapped.task.steps)
+
+    def tell(moment: rollout.Moment) -> None:
+        if moment.running.any():
+            flies.tell(moment.infos["fault"])
+
+    return rollout.fly(env, flies, seed, options={"faults": faults}, callback=tell), flies
 
 
 def fly(pilot: str, seed: int, orbits: float = 0.5, period: float | None = None) -> Flight:
-    """Fly one episode.
+    """Fly one episode with a fault in the first third of the flight: dead, half thrust, or stuck open.
 
     Args:
         pilot: One of `PILOTS`.
-        seed: Of the episode; the fault is drawn from it too.
+        seed: Of the episode; which thruster fails, how and when is drawn from it too.
         orbits: Time for the rendezvous.
         period: Of control, s; Orion's by default.
     """
     env = _environment(orbits, period)
     task = env.unwrapped.task
     duration = task.steps * task.vehicle.control_period
-    faults = FaultDistribution(
-        probability=1.0,
-        kinds=FAULT_KINDS,
-        severity={"loss": (_HALF, _HALF)},
-        onset=(0.0, duration / 3.0),
-    )
-    flown_by = PILOTS[pilot](task.vehicle, task.steps)
-    flown = rollout.fly(env, flown_by, seed, options={"faults": faults}, callback=told(flown_by))
+    half = {"loss": (_HALF, _HALF)}
+    faults = FaultDistribution(probability=1.0, kinds=FAULT_KINDS, severity=half, onset=(0.0, duration / 3.0))
+    flown, flies = _flown(env, pilot, seed, faults)
     active = np.flatnonzero(flown.fault["active"][:-1].any(axis=1))
     slot = int(np.argmax(flown.fault["thruster"][0] > 0))
     return Flight(
@@ -304,15 +269,23 @@ def fly(pilot: str, seed: int, orbits: float = 0.5, period: float | None = None)
         angle=float(np.linalg.norm(attitude_error(flown["attitude"][-1]))),
         rate=float(np.linalg.norm(flown.rate[-1])),
         firing_time=float(flown.fuel[-1]),
-        decisions=tuple(one for one in flown_by.log if one.thruster > 0),
+        decisions=tuple(one for one in flies.log if one.thruster > 0),
     )
 
 
-def told(pilot: Pilot) -> Callable[[rollout.Moment], None]:
-    """What tells a pilot of the faults of each moment before it acts."""
-
-    def tell(moment: rollout.Moment) -> None:
-        if moment.running.any():
-            pilot.tell(moment.infos["fault"])
-
-    return tell
+def fly_with_dead_thruster(
+    pilot: str, seeds: Sequence[int], thruster: int, onset: float, orbits: float = 0.5
+) -> DeadThrusterFlights:
+    """Fly an episode for each seed in which a thruster, from 1, is dead from some time on, s."""
+    env = _environment(orbits)
+    steps = env.unwrapped.task.steps
+    success, lost, miss = np.zeros((3, len(seeds)))
+    spent = np.zeros((len(seeds), steps + 1))
+    for flight, seed in enumerate(seeds):
+        flown, _ = _flown(env, pilot, seed, (Fault(thruster, "stuck_off", onset=onset),))
+        length = int(flown.lengths[0])
+        spent[flight, 1 : length + 1], spent[flight, length:] = flown.fuel[1:], flown.fuel[-1]
+        success[flight], lost[flight] = flown.success[-1], length < steps
+        miss[flight] = float(np.linalg.norm(flown.position[-1]))
+    env.close()
+    return DeadThrusterFlights(success, lost, miss, spent[:, -1], spent)

@@ -1,18 +1,11 @@
 """The source's rendezvous with thrusters that fail, in its own setting, by pilots that know more or less.
 
-From 300 m above the target in half an orbit, by Hill's equations and nothing else: no attitude (the body is
-taken as aligned with LVLH however it would turn), no scatter, no noise. A plan is followed period by period,
-its rate changes mapped to on-times by the linear program. What a pilot does about a failure:
-
-- nothing: it follows the plan to the end;
-- feedback: it plans anew, with thrusters as built, when the craft is too far from where the plan has it;
-- told: it hears what failed as it fails, and plans anew with that;
-- diagnosis: once a second it asks the likelihood ratio test whether thrusters did what they were told,
-  compares models of how the one it names failed, and plans anew with what it then believes.
-
-The firing of the period in which a failure is found goes on to its end as it was commanded; the new plan
-begins with the next period. The filter is not asked in seconds without firing: the source's process noise
-would go on growing all the way through the coast, and with it what counts as expected.
+From 300 m above the target in half an orbit, by Hill's equations: no attitude, no scatter, no noise. A plan
+is followed period by period, its rate changes mapped to on-times by the linear program. A pilot does nothing
+about a failure; or plans anew, with thrusters as built, when the craft is too far from the plan; or knows
+what failed as it fails; or diagnoses once a second by the likelihood ratio test and a comparison of models,
+and plans anew with what it then believes. The firing of the period of the discovery goes on to its end. The
+filter is not asked in seconds without firing: the source's process noise would grow all through the coast.
 """
 
 from __future__ import annotations
@@ -25,16 +18,9 @@ import numpy as np
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
 from thruster_baselines.detection import GLRDetector, ModelComparison
 from thruster_baselines.detection.glr import SOURCE_THRESHOLD
-from thruster_baselines.guidance import (
-    RendezvousPlan,
-    RendezvousPlanner,
-    force_response,
-    transition_matrix,
-)
+from thruster_baselines.guidance import RendezvousPlan, RendezvousPlanner, force_response, transition_matrix
 from thruster_baselines.mapping import LPMapper, delivered_on_times
 from thruster_envs.protocols import FloatArray
-
-__all__ = ["DEGRADED", "LOST", "TWO_LOST", "Failure", "Flight", "Found", "Second", "fly"]
 
 SECOND = 1.0  # between two tests, s
 LOSSES = (0.25, 0.5, 0.75)  # partial models: the levels at which the source studies detection (appendix D)
@@ -46,17 +32,11 @@ plan for firing time goes out of its way to spare what takes more thrusters, so 
 
 @dataclass(frozen=True)
 class Failure:
-    """A thruster that fails.
+    """A thruster that fails."""
 
-    Attributes:
-        thruster: From 1.
-        share: Of its thrust that is left.
-        period: From 1: in which it fails, from the start of it.
-    """
-
-    thruster: int
-    share: float
-    period: int
+    thruster: int  # from 1
+    share: float  # of its thrust that is left
+    period: int  # from 1: in which it fails, from the start of it
 
 
 LOST = (Failure(1, share=0.0, period=5),)
@@ -71,63 +51,38 @@ TWO_LOST = (Failure(1, share=0.0, period=1), Failure(2, share=0.0, period=1))
 
 @dataclass(frozen=True)
 class Found:
-    """What the pilot found out.
+    """What the pilot found out."""
 
-    Attributes:
-        period: From 1.
-        second: Of the period, from 1, after which.
-        thruster: From 1.
-        kind: As `thruster_envs.faults.KINDS`.
-        share: Believed from then on.
-        since: Seconds of firing since this thruster first failed to fire as told, this one included.
-    """
-
-    period: int
-    second: int
-    thruster: int
-    kind: str
-    share: float
-    since: int
+    period: int  # from 1
+    second: int  # of the period, from 1, after which
+    thruster: int  # from 1
+    kind: str  # as `thruster_envs.faults.KINDS`
+    share: float  # believed from then on
+    since: int  # seconds of firing since this thruster first failed to fire as commanded, this one included
 
 
 @dataclass(frozen=True)
 class Second:
-    """A second of firing as the detector saw it.
+    """A second of firing as the detector saw it."""
 
-    Attributes:
-        time: At its end, since the start, s.
-        expected: (m,), m/s then rad/s.
-        measured: (m,).
-        ratio: (n,), likelihood ratio of each thruster.
-    """
-
-    time: float
-    expected: FloatArray
-    measured: FloatArray
-    ratio: FloatArray
+    time: float  # at its end, since the start, s
+    expected: FloatArray  # (m,), m/s then rad/s
+    measured: FloatArray  # (m,)
+    ratio: FloatArray  # (n,), likelihood ratio of each thruster
 
 
 @dataclass(frozen=True)
 class Flight:
-    """How it went.
+    """How it went."""
 
-    Attributes:
-        states: (periods + 1, 6), m and m/s, LVLH.
-        rate_changes: (periods, 6), commanded, m/s and rad/s.
-        on_times: (periods, n), commanded, s.
-        delivered: (periods, n), full thrust for so long gives the same, s.
-        plans: Each with the number of periods flown before it, the first at 0.
-        found: In order, by a pilot that looks.
-        seconds: What the detector saw while it fired; none without diagnosis.
-    """
-
-    states: FloatArray
-    rate_changes: FloatArray
-    on_times: FloatArray
-    delivered: FloatArray
+    states: FloatArray  # (periods + 1, 6), m and m/s, LVLH
+    rate_changes: FloatArray  # (periods, 6), commanded, m/s and rad/s
+    on_times: FloatArray  # (periods, n), commanded, s
+    delivered: FloatArray  # (periods, n), full thrust for so long gives the same, s
+    # each with the number of periods flown before it, the first at 0
     plans: tuple[tuple[int, RendezvousPlan], ...]
-    found: tuple[Found, ...]
-    seconds: tuple[Second, ...]
+    found: tuple[Found, ...]  # in order, by a pilot that looks
+    seconds: tuple[Second, ...]  # what the detector saw while it fired; none without diagnosis
 
     @property
     def miss(self) -> float:
@@ -177,7 +132,7 @@ def fly(
     *,
     deviation: float = np.inf,
     diagnosis: bool = False,
-    told: bool = False,
+    known: bool = False,
     taken_back: float = 0.0,
     coupling: float = 0.0,
 ) -> Flight:
@@ -187,7 +142,7 @@ def fly(
         failures: What fails.
         deviation: From the plan, m, beyond which it is made anew.
         diagnosis: Whether the pilot looks for failures, and plans anew with what it finds.
-        told: Whether the pilot hears of each failure as it begins, and plans anew.
+        known: Whether the pilot knows each failure as it begins, and plans anew.
         taken_back: What share of the rotation at the start of a period its command takes back. The angle that
             builds up meanwhile is left out, as all of attitude is.
         coupling: Share of thrust lost per further thruster open; the mapper does not make up for it.
@@ -200,11 +155,11 @@ def fly(
     watch = _Watch(failures)
     states, rate_changes, on_times = [START], np.zeros((STEPS, 6)), np.zeros((STEPS, NOMINAL.shape[1]))
     delivered, rate = np.zeros_like(on_times), np.zeros(3)
-    plans = [(0, as_built(START, STEPS))] if not told else []
-    anew = told
+    plans = [(0, as_built(START, STEPS))] if not known else []
+    anew = known
     for k in range(STEPS):
         left = shares(failures, k + 1)
-        if told and any(one.period == k + 1 for one in failures):
+        if known and any(one.period == k + 1 for one in failures):
             watch.believed, anew = NOMINAL * left, True
         if anew:
             planner = as_built if np.array_equal(watch.believed, NOMINAL) else damaged
@@ -224,14 +179,9 @@ def fly(
         if diagnosis and on_times[k].any():
             anew |= watch(k + 1, on_times[k], left)
     return Flight(
-        np.array(states),
-        rate_changes,
-        on_times,
-        delivered,
-        tuple(plans),
-        tuple(watch.found),
+        np.array(states), rate_changes, on_times, delivered, tuple(plans), tuple(watch.found),
         tuple(watch.seconds),
-    )
+    )  # fmt: skip
 
 
 def shares(failures: tuple[Failure, ...], period: int) -> FloatArray:
@@ -244,19 +194,13 @@ def shares(failures: tuple[Failure, ...], period: int) -> FloatArray:
 
 
 class _Watch:
-    """Detection, isolation and identification, once a second, with the source's noise and threshold.
-
-    Attributes:
-        believed: (m, n), of the thrusters, m/s^2 then rad/s^2.
-        found: So far.
-        seconds: So far.
-    """
+    """Detection, isolation and identification, once a second, with the source's noise and threshold."""
 
     def __init__(self, failures: tuple[Failure, ...]) -> None:
         self._detector = GLRDetector(ORION, SOURCE_THRESHOLD, coupling=0.0)
         self._comparison = ModelComparison(ORION, losses=LOSSES, coupling=0.0)
         self._failing_for = {one.thruster: 0 for one in failures}  # seconds of firing that showed it
-        self.believed = NOMINAL.copy()
+        self.believed = NOMINAL.copy()  # (m, n), m/s^2 then rad/s^2
         self.found: list[Found] = []
         self.seconds: list[Second] = []
 
@@ -264,26 +208,20 @@ class _Watch:
         """Watch a period; whether anything was found in it."""
         before = len(self.found)
         for number in range(round(PERIOD / SECOND)):
-            told = np.clip(on_times - number * SECOND, 0.0, SECOND)
-            if told.any():
-                self._test(period, number + 1, told, left)
+            commanded = np.clip(on_times - number * SECOND, 0.0, SECOND)
+            if commanded.any():
+                self._test(period, number + 1, commanded, left)
         return len(self.found) > before
 
-    def _test(self, period: int, number: int, told: FloatArray, left: FloatArray) -> None:
+    def _test(self, period: int, number: int, commanded: FloatArray, left: FloatArray) -> None:
         for thruster in self._failing_for:
-            self._failing_for[thruster] += int(told[thruster - 1] > 0.0 and left[thruster - 1] < 1.0)
-        measured = NOMINAL @ (left * told)
-        diagnosis = self._detector.update(told, measured, SECOND)
+            self._failing_for[thruster] += int(commanded[thruster - 1] > 0.0 and left[thruster - 1] < 1.0)
+        measured = NOMINAL @ (left * commanded)
+        diagnosis = self._detector.update(commanded, measured, SECOND)
         interval = self._detector.last
         assert interval is not None
-        self.seconds.append(
-            Second(
-                (period - 1) * PERIOD + number * SECOND,
-                measured - interval.residual[0],
-                measured,
-                diagnosis.suspicion[0],
-            )
-        )
+        time, expected = (period - 1) * PERIOD + number * SECOND, measured - interval.residual[0]
+        self.seconds.append(Second(time, expected, measured, diagnosis.suspicion[0]))
         if not diagnosis.detected[0]:
             return
         thruster = int(diagnosis.thruster[0])

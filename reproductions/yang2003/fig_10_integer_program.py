@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, PURPLE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, PURPLE, Figure, bars, panels, ticks
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, METHODS, commands
 
 TIMED = ("no compensation", "method I", "method II", "integer program")
@@ -27,8 +27,16 @@ def seconds_each(method: str, condition: str, count: int) -> np.ndarray:
     return found
 
 
+@reproduces(
+    "E15",
+    lines="Fig. 10, L606-611",
+    reported="at most 20 % faster than the iterations with rotation or translation alone, much faster on six "
+    "axes (values not readable)",
+    criterion="times on the same commands; the ordering is not expected to hold with solvers of today",
+    alone=True,
+)
 def times(effort: Effort) -> Finding:
-    """E15."""
+    """Time of the integer program beside methods I and II."""
     found = {
         (m, c): seconds_each(m, c, min(COMMANDS if m == "integer program" else 2000, effort.repetitions))
         for m in TIMED for c in CONDITIONS
@@ -42,49 +50,26 @@ def times(effort: Effort) -> Finding:
         checks={"solvers of today: the integer program is the slower one": min(ratio.values()) > 1.0},
         data={f"{c}, {m}": np.quantile(found[m, c], [0.1, 0.5, 0.9, 0.99]) for m, c in found},
         not_reproducible="the advantage was that of one solver of 2003 over a Matlab program; by HiGHS the "
-        "integer "
-        "program is slower by orders of magnitude than compiled iterations",
+        "integer program is slower by orders of magnitude than compiled iterations",
         note=f"Median time of one command through the public call; {COMMANDS} commands for the integer "
-        "program, "
-        "2,000 for the others.",
+        "program, 2,000 for the others.",
         tables=(Table("Median time, microseconds", ("condition", *TIMED, "integer program over II"), rows),),
-        figure=lambda path: _draw(median, path),
+        figure=lambda: _draw(median),
     )  # fmt: skip
 
 
-def _draw(median: dict[tuple[str, str], float], path: Path) -> None:
+def _draw(median: dict[tuple[str, str], float]) -> Figure:
     figure, (axis,) = panels(height=3.4)
-    places = np.arange(len(CONDITIONS))
-    for k, (method, colour) in enumerate(zip(TIMED, (INK, ORANGE, BLUE, PURPLE), strict=True)):
-        values = [1e6 * median[method, condition] for condition in CONDITIONS]
-        bars = axis.bar(places + 0.2 * (k - 1.5), values, width=0.18, color=colour,
-                        label=method)  # fmt: skip
-        axis.bar_label(bars, labels=[_duration(value) for value in values], padding=2, fontsize=8.5)
-    axis.set_yscale("log")
-    axis.set_ylim(1.0, 3e6)
-    axis.set_xticks(places, [f"{condition} commanded" for condition in CONDITIONS])
-    axis.set_ylabel("time of one command, µs")
-    axis.set_title("The integer program is not the faster way", loc="left")
+    values = {method: [1e6 * median[method, condition] for condition in CONDITIONS] for method in TIMED}
+    bars(axis, values, (INK, ORANGE, BLUE, PURPLE))
+    for those, of_method in zip(axis.containers, values.values(), strict=True):
+        axis.bar_label(those, labels=[*map(_duration, of_method)], padding=2, fontsize=8.5)
+    ticks(axis, [f"{condition} commanded" for condition in CONDITIONS])
+    axis.set(yscale="log", ylim=(1.0, 3e6), ylabel="time of one command, µs")
+    axis.set(title="The integer program is not the faster way")
     axis.legend(loc="upper left", ncols=4, fontsize=9)
-    axis.grid(axis="x", visible=False)
-    save(figure, path)
+    return figure
 
 
 def _duration(microseconds: float) -> str:
     return f"{microseconds / 1000:.0f} ms" if microseconds > 1000 else f"{microseconds:.0f} µs"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E15",
-        title="Time of the integer program beside methods I and II",
-        source="Yang 2003",
-        lines="Fig. 10, L606-611",
-        reported="at most 20 % faster than the iterations with rotation or translation alone, much faster "
-        "on six "
-        "axes (values not readable)",
-        criterion="times on the same commands; the ordering is not expected to hold with solvers of today",
-        run=times,
-        alone=True,
-    ),
-)

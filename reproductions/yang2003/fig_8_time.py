@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, bars, panels, reference_line, ticks
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, METHODS, commands
 
 TIMED = ("method I", "method II", "exact")
@@ -34,8 +34,15 @@ def relative_times(condition: str, repetitions: int) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in ratios.items()}
 
 
+@reproduces(
+    "E12",
+    lines="Fig. 8, L599, L604",
+    reported="four iterations on average, five times the time of one linear program; up to nine times",
+    criterion="at most five times for method II, at most nine for method I",
+    alone=True,
+)
 def times(effort: Effort) -> Finding:
-    """E12."""
+    """Time of methods I and II over that of one linear program."""
     repetitions = min(_REPETITIONS, effort.repetitions)
     found = {condition: relative_times(condition, repetitions) for condition in CONDITIONS}
     median = {(c, m): float(np.median(found[c][m])) for c in CONDITIONS for m in TIMED}
@@ -58,7 +65,7 @@ def times(effort: Effort) -> Finding:
         note=f"Medians of {repetitions} turns of {_BATCH:,} commands each, on one thread; ratios within a "
         "turn.",
         tables=(Table("Time over that of one linear program", ("condition", *TIMED), rows),),
-        figure=lambda path: _draw(median, path),
+        figure=lambda: _draw(median),
     )
 
 
@@ -67,36 +74,16 @@ def _range(median: dict[tuple[str, str], float], method: str) -> str:
     return f"{min(values):.1f} to {max(values):.1f}"
 
 
-def _draw(median: dict[tuple[str, str], float], path: Path) -> None:
+def _draw(median: dict[tuple[str, str], float]) -> Figure:
     figure, (axis,) = panels(height=3.6)
-    places = np.arange(len(CONDITIONS))
-    for k, (method, colour) in enumerate(zip(TIMED, (ORANGE, BLUE, GREEN), strict=True)):
-        values = [median[condition, method] for condition in CONDITIONS]
-        bars = axis.bar(places + 0.27 * (k - 1), values, width=0.25, color=colour, label=method)
-        axis.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
-    axis.axhline(5.0, color=INK, linewidth=1.2, linestyle="--")
-    axis.annotate(
-        "the source's average, 5", (2.45, 5.0), xytext=(0, 4), textcoords="offset points", ha="right"
-    )
+    values = {method: [median[condition, method] for condition in CONDITIONS] for method in TIMED}
+    bars(axis, values, (ORANGE, BLUE, GREEN), width=0.81)
+    for those in axis.containers:
+        axis.bar_label(those, fmt="%.1f", padding=2, fontsize=9)
+    reference_line(axis, 5.0, "the source's average, 5", linewidth=1.2)
     axis.axhline(1.0, color=INK, linewidth=0.8)
-    axis.set_xticks(places, [f"{condition} commanded" for condition in CONDITIONS])
-    axis.set_ylim(0.0, 6.0)
-    axis.set_ylabel("time over that of one linear program")
-    axis.set_title("Making up for the loss costs less than the source's five linear programs", loc="left")
+    ticks(axis, [f"{condition} commanded" for condition in CONDITIONS])
+    axis.set(ylim=(0.0, 6.0), ylabel="time over that of one linear program")
+    axis.set(title="Making up for the loss costs less than the source's five linear programs")
     axis.legend(loc="upper left", ncols=3)
-    axis.grid(axis="x", visible=False)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E12",
-        title="Time of methods I and II over that of one linear program",
-        source="Yang 2003",
-        lines="Fig. 8, L599, L604",
-        reported="four iterations on average, five times the time of one linear program; up to nine times",
-        criterion="at most five times for method II, at most nine for method I",
-        run=times,
-        alone=True,
-    ),
-)
+    return figure

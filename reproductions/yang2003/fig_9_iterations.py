@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, ORANGE, Figure, annotate, bars, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, SHARE, Trial, commands, trial
 from thruster_baselines.mapping import AdditiveCompensationMapper, LPMapper
 from thruster_baselines.mapping.compensation import SHORT
@@ -15,8 +14,14 @@ from thruster_baselines.mapping.compensation import SHORT
 SATURATING = 0.4  # share of the authority: a third of such commands on six axes meets a bound
 
 
+@reproduces(
+    "E13",
+    lines="Fig. 9, L602-604",
+    reported="method I takes fewer, at a higher cost each; four on average (values not readable)",
+    criterion="method I takes fewer with rotation or translation alone; three to six on average",
+)
 def iterations(effort: Effort) -> Finding:
-    """E13."""
+    """Rounds that methods I and II take."""
     trials = {(m, c): trial(m, c, effort.samples) for m in ("method I", "method II") for c in CONDITIONS}
 
     def mean(method: str, condition: str) -> float:
@@ -29,6 +34,7 @@ def iterations(effort: Effort) -> Finding:
          f"{trials['method I', c].failed.mean():.1%}") for c in CONDITIONS
     )  # fmt: skip
     overall = np.mean([mean(m, c) for m in ("method I", "method II") for c in CONDITIONS])
+    table = Table("Rounds on average", ("condition", "method I", "method II", "method I cycles"), rows)
     return Finding(
         ours=f"method I {mean('method I', 'translation'):.1f} to {mean('method I', 'six axes'):.1f} rounds "
         "where it "
@@ -40,54 +46,48 @@ def iterations(effort: Effort) -> Finding:
             "three to six rounds on average": 3.0 <= overall <= 6.0,
             "method II always converges": all(not trials["method II", c].failed.any() for c in CONDITIONS),
         },
-        data={
-            f"{c}, {m}": np.bincount(trials[m, c].iterations) for m, c in trials
-        },
-        note=f"Rounds until 0.1 % is missing at most, {effort.samples:,} commands in each condition, "
-        "uniform in "
-        f"{SHARE:.0%} of the authority. Averages are over the commands on which a method converges.",
-        tables=(
-            Table("Rounds on average", ("condition", "method I", "method II", "method I cycles"), rows),
-        ),
-        figure=lambda path: _draw(trials, path),
+        data={f"{c}, {m}": np.bincount(trials[m, c].iterations) for m, c in trials},
+        note=f"Rounds until 0.1 % is missing at most, {effort.samples:,} commands in each condition, uniform "
+        f"in {SHARE:.0%} of the authority. Averages are over the commands on which a method converges.",
+        tables=(table,),
+        figure=lambda: _draw(trials),
     )  # fmt: skip
 
 
-def _draw(trials: dict[tuple[str, str], Trial], path: Path) -> None:
+def _draw(trials: dict[tuple[str, str], Trial]) -> Figure:
     figure, axes = panels(3, height=3.6)
     most = 12
     for axis, condition in zip(axes, CONDITIONS, strict=True):
-        for k, (method, colour) in enumerate((("method I", ORANGE), ("method II", BLUE))):
+        shares = {}
+        for method in ("method I", "method II"):
             one = trials[method, condition]
             good = one.iterations[~one.failed]
-            counts = np.bincount(np.minimum(good, most), minlength=most + 1)[1:] / len(one.iterations)
-            axis.bar(np.arange(1, most + 1) + 0.4 * k - 0.2, 100.0 * counts, width=0.38, color=colour,
-                     label=f"{method}: {good.mean():.1f} on average")  # fmt: skip
-        cycles = trials["method I", condition].failed.mean()
-        axis.set_title(f"{condition} commanded", loc="left")
-        axis.set_xlabel("rounds")
+            counts = np.bincount(np.minimum(good, most), minlength=most + 1)[1:]
+            shares[f"{method}: {good.mean():.1f} on average"] = 100.0 * counts / len(one.iterations)
+        bars(axis, shares, (ORANGE, BLUE))
         axis.set_xticks(
-            range(2, most + 1, 2), [str(k) if k < most else f"{most}+" for k in range(2, most + 1, 2)]
+            range(1, most, 2), [str(k) if k < most else f"{most}+" for k in range(2, most + 1, 2)]
         )
-        axis.set_ylim(0.0, 112.0)
+        axis.set(ylim=(0.0, 112.0), xlabel="rounds", title=f"{condition} commanded")
         axis.legend(loc="upper right", fontsize=8.5)
+        cycles = trials["method I", condition].failed.mean()
         if cycles > 0.0:
-            axis.annotate(
-                f"method I cycles on {cycles:.0%}",
-                (0.98, 0.7),
-                xycoords="axes fraction",
-                ha="right",
-                fontsize=9,
-                color=ORANGE,
-            )
+            corner = {"xycoords": "axes fraction", "ha": "right", "fontsize": 9, "color": ORANGE}
+            annotate(axis, f"method I cycles on {cycles:.0%}", (0.98, 0.7), **corner)
         axis.grid(axis="x", visible=False)
     axes[0].set_ylabel("share of commands, %")
     figure.suptitle("Method I takes fewer rounds, but not always to the end", x=0.01, ha="left")
-    save(figure, path)
+    return figure
 
 
+@reproduces(
+    "E09",
+    lines="section 2.4.2, L553",
+    reported="fewer than seven",
+    criterion="fewer than seven for every command that can be met",
+)
 def within_one_percent(effort: Effort) -> Finding:
-    """E09."""
+    """Rounds that method II takes to within 1 %."""
     mapper = AdditiveCompensationMapper("orion", tolerance=0.01)
     largest, data, rows = {}, {}, []
     for condition in CONDITIONS:
@@ -102,30 +102,29 @@ def within_one_percent(effort: Effort) -> Finding:
                 str(largest[condition, share]), f"{short:.1%}",
             ))  # fmt: skip
     small = max(value for (_, share), value in largest.items() if share == SHARE)
+    table = Table(
+        "Rounds to within 1 %", ("condition", "share of authority", "mean", "largest", "short"), rows
+    )
     return Finding(
-        ours=f"at most {small} where every command can be met, at most {max(largest.values())} where a "
-        "third meets a "
-        "bound",
-        checks={
-            "fewer than seven linear programs for every command that can be met": small < 7,
-        },
+        ours=f"at most {small} where every command can be met, at most {max(largest.values())} where a third "
+        "meets a bound",
+        checks={"fewer than seven linear programs for every command that can be met": small < 7},
         data=data,
         note="Counted for commands that the method brings to 1 %; *short* is the share that a bound keeps "
-        "from it. "
-        "Beyond the authority the rounds wander from thruster to thruster, and a few commands take more "
-        "than seven.",
-        tables=(
-            Table(
-                "Rounds to within 1 %",
-                ("condition", "share of authority", "mean", "largest", "short"),
-                tuple(rows),
-            ),
-        ),
+        "from it. Beyond the authority the rounds wander from thruster to thruster, and a few commands take "
+        "more than seven.",
+        tables=(table,),
     )
 
 
+@reproduces(
+    "E10",
+    lines="section 2.4.2, L528; appendix B, L2003-2008",
+    reported="a factor above 0.1 suffices to keep new thrusters from joining",
+    criterion="with the rule on, no new thruster joins where that can be avoided",
+)
 def cost_rule(effort: Effort) -> Finding:
-    """E10."""
+    """What a lower cost of used thrusters does."""
     plain, joined, rows = LPMapper("orion"), {}, []
     for condition in CONDITIONS:
         asked = commands(condition, effort.samples)
@@ -143,6 +142,11 @@ def cost_rule(effort: Effort) -> Finding:
         rule: max(value for (_, name), value in joined.items() if name.startswith(rule))
         for rule in ("lower_used", "raise_unused", "none")
     }
+    table = Table(
+        "Commands in which a later round opens a thruster that the first did not",
+        ("condition", "rule", "commands", "rounds"),
+        rows,
+    )
     return Finding(
         ours=f"new thrusters join in up to {most['lower_used']:.0%} of the commands under the text's rule, "
         f"in {most['raise_unused']:.0%} under the appendix's, and in {most['none']:.0%} without any rule",
@@ -158,41 +162,5 @@ def cost_rule(effort: Effort) -> Finding:
         correction="the rule of appendix B in place of the text's: lowering costs in proportion to on-times "
         "changes which thrusters go together best, and so invites new ones; where no bound is met none would "
         "join without any rule, since the thrusters of the first round stay the cheapest",
-        tables=(
-            Table(
-                "Commands in which a later round opens a thruster that the first did not",
-                ("condition", "rule", "commands", "rounds"), tuple(rows),
-            ),
-        ),
+        tables=(table,),
     )  # fmt: skip
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E09",
-        title="Rounds that method II takes to within 1 %",
-        source="Yang 2003",
-        lines="section 2.4.2, L553",
-        reported="fewer than seven",
-        criterion="fewer than seven for every command that can be met",
-        run=within_one_percent,
-    ),
-    Reproduction(
-        id="E10",
-        title="What a lower cost of used thrusters does",
-        source="Yang 2003",
-        lines="section 2.4.2, L528; appendix B, L2003-2008",
-        reported="a factor above 0.1 suffices to keep new thrusters from joining",
-        criterion="with the rule on, no new thruster joins where that can be avoided",
-        run=cost_rule,
-    ),
-    Reproduction(
-        id="E13",
-        title="Rounds that methods I and II take",
-        source="Yang 2003",
-        lines="Fig. 9, L602-604",
-        reported="method I takes fewer, at a higher cost each; four on average (values not readable)",
-        criterion="method I takes fewer with rotation or translation alone; three to six on average",
-        run=iterations,
-    ),
-)

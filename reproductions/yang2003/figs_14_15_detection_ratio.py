@@ -1,10 +1,9 @@
 """Fig. 14 and 15: detections over false alarms of five detectors (E23, E24), and what was made of it (E28).
 
-A rate is a share of windows of 20 intervals, so that windows of different flights are independent; the ratio
-is the rate of windows with an alarm after the fault to that before it. Each threshold is calibrated on other
-flights to alarm in 2 % of healthy windows at the source's noise, the threshold on the estimate too: then the
-ratio says who sees more, and whose alarms grow with noise. Where there is no false alarm at all the ratio is
-shown with the upper end of the interval of their rate, as a bound from below.
+A rate is a share of windows of 20 intervals; the ratio is the rate of windows with an alarm after the fault
+to that before it. Each threshold is calibrated on other flights to alarm in 2 % of healthy windows at the
+source's noise. Where there is no false alarm at all the ratio is shown with the upper end of the interval of
+their rate, as a bound from below.
 """
 
 from __future__ import annotations
@@ -12,13 +11,24 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, PURPLE, RED, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    RED,
+    Figure,
+    octaves,
+    panels,
+    shared_legend,
+)
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     DETECTORS,
     Conditions,
@@ -42,15 +52,10 @@ SEED = 2
 
 @dataclass(frozen=True)
 class Point:
-    """A detector under one condition.
+    """A detector under one condition."""
 
-    Attributes:
-        detected: Windows with an alarm after the onset.
-        false: Windows with an alarm before.
-    """
-
-    detected: Rate
-    false: Rate
+    detected: Rate  # windows with an alarm after the onset
+    false: Rate  # windows with an alarm before
 
     @property
     def ratio(self) -> float:
@@ -111,14 +116,27 @@ def _leads(curves: Curves) -> bool:
     )
 
 
+@reproduces(
+    "E23",
+    lines="Fig. 14, L1182-1194",
+    reported="falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
+    "on the estimate matches it (values not readable)",
+    criterion="the ratio falls with both noises; the likelihood ratio is at the top or tied",
+)
 def against_noise(effort: Effort) -> Finding:
-    """E23."""
+    """Detections over false alarms against noise."""
     flights = flights_of(effort)
     errors = _sweep([Conditions(error=one) for one in ERRORS], flights)
     scatters = _sweep([Conditions(scatter=one) for one in SCATTERS], flights)
     loud = {name: (errors[name][-1].ratio, scatters[name][-1].ratio) for name in DETECTORS}
     others = [name for name in DETECTORS if name not in (GLR, ESTIMATE)]
     here = ERRORS.index(1.0)
+    sweeps = (
+        Sweep("Measurement errors, as multiples of 0.5 mm/s and 0.5 mrad/s", ERRORS, errors,
+              "measurement errors, multiple of the source's"),
+        Sweep("Scatter of the firings, as multiples of 10 %", SCATTERS, scatters,
+              "scatter of firings, multiple of the source's"),
+    )  # fmt: skip
     return Finding(
         ours=f"at the source's noise {errors[GLR][here].text} for the likelihood ratio and "
         f"{errors[ESTIMATE][here].text} for the estimate; at four times the measurement errors "
@@ -146,20 +164,19 @@ def against_noise(effort: Effort) -> Finding:
         note=f"{flights:,} flights a point; one thruster keeps a quarter of its thrust. With twice the "
         "scatter the tests of single innovations alarm in almost every healthy window at a threshold that "
         "was right before; the filter behind the estimate averages it out.",
-        tables=(
-            _table("Measurement errors, as multiples of 0.5 mm/s and 0.5 mrad/s", ERRORS, errors),
-            _table("Scatter of the firings, as multiples of 10 %", SCATTERS, scatters),
-        ),
-        figure=lambda path: _draw(
-            path, "Detections over false alarms fall with noise",
-            (ERRORS, errors, "measurement errors, multiple of the source's"),
-            (SCATTERS, scatters, "scatter of firings, multiple of the source's"),
-        ),
+        tables=tuple(map(_table, sweeps)),
+        figure=lambda: _draw("Detections over false alarms fall with noise", *sweeps),
     )  # fmt: skip
 
 
+@reproduces(
+    "E24",
+    lines="Fig. 15, L1192",
+    reported="a higher threshold gives a higher ratio and fewer detections; a higher R/Q a higher ratio",
+    criterion="these trends, for all five detectors",
+)
 def against_settings(effort: Effort) -> Finding:
-    """E24."""
+    """Detections over false alarms against threshold and R/Q."""
     flights = flights_of(effort)
     levels = _over_thresholds(flights)
     by_r = _sweep([Conditions(measurement_noise=SOURCE_MEASUREMENT_NOISE * one) for one in FACTORS], flights)
@@ -169,6 +186,21 @@ def against_settings(effort: Effort) -> Finding:
         all(a.detected.value >= b.detected.value for a, b in itertools.pairwise(one))
         and one[-1].detected.high < one[0].detected.low
         for one in levels.values()
+    )
+    sweeps = (
+        Sweep(
+            "Threshold, as multiples of the calibrated one",
+            THRESHOLDS,
+            levels,
+            "threshold, multiple of calibrated",
+        ),
+        Sweep("R/Q by R, as multiples of 1000", FACTORS, by_r, "R/Q by R, multiple of 1000"),
+        Sweep("R/Q by Q, as multiples of 1000", FACTORS, by_q, "R/Q by Q, multiple of 1000"),
+    )
+    detected = Table(
+        "Windows with an alarm after the fault, by the multiple of the threshold",
+        ("detector", *(f"{one:g}" for one in THRESHOLDS)),
+        [(name, *(f"{one.detected.value:.1%}" for one in points)) for name, points in levels.items()],
     )
     return Finding(
         ours=f"from the calibrated threshold to eight times it the likelihood ratio's detections go from "
@@ -188,25 +220,8 @@ def against_settings(effort: Effort) -> Finding:
         "Y smaller and gives the tests more false alarms at the same threshold",
         note=f"{flights:,} flights a point. Up to 1.4 times the threshold the rise of the ratio is beyond "
         "the intervals; above, no false alarm is left and the ratio is a bound.",
-        tables=(
-            _table("Threshold, as multiples of the calibrated one", THRESHOLDS, levels),
-            _table("R/Q by R, as multiples of 1000", FACTORS, by_r),
-            _table("R/Q by Q, as multiples of 1000", FACTORS, by_q),
-            Table(
-                "Windows with an alarm after the fault, by the multiple of the threshold",
-                ("detector", *(f"{one:g}" for one in THRESHOLDS)),
-                tuple(
-                    (name, *(f"{point.detected.value:.1%}" for point in points))
-                    for name, points in levels.items()
-                ),
-            ),
-        ),
-        figure=lambda path: _draw(
-            path, "A higher threshold, or a larger R, buys fewer false alarms",
-            (THRESHOLDS, levels, "threshold, multiple of calibrated"),
-            (FACTORS, by_r, "R/Q by R, multiple of 1000"),
-            (FACTORS, by_q, "R/Q by Q, multiple of 1000"),
-        ),
+        tables=(*map(_table, sweeps), detected),
+        figure=lambda: _draw("A higher threshold, or a larger R, buys fewer false alarms", *sweeps),
     )  # fmt: skip
 
 
@@ -215,76 +230,49 @@ def _overlap(one: Point, other: Point) -> bool:
 
 
 def _plain(curves: Curves) -> dict[str, list[dict[str, tuple[float, float, float]]]]:
+    def triple(rate: Rate) -> tuple[float, float, float]:
+        return rate.value, rate.low, rate.high
+
     return {
-        name: [
-            {
-                "detected": (one.detected.value, one.detected.low, one.detected.high),
-                "false alarms": (one.false.value, one.false.low, one.false.high),
-            }
-            for one in points
-        ]
+        name: [{"detected": triple(one.detected), "false alarms": triple(one.false)} for one in points]
         for name, points in curves.items()
     }
 
 
-def _table(title: str, at: Sequence[float], curves: Curves) -> Table:
+class Sweep(NamedTuple):
+    """Curves over a setting."""
+
+    title: str
+    at: Sequence[float]
+    curves: Any
+    label: str  # of the setting in a figure
+
+
+def _table(sweep: Sweep) -> Table:
     return Table(
-        f"Detections over false alarms. {title}",
-        ("detector", *(f"{one:g}" for one in at)),
-        tuple((name, *(point.text for point in points)) for name, points in curves.items()),
+        f"Detections over false alarms. {sweep.title}",
+        ("detector", *(f"{one:g}" for one in sweep.at)),
+        [(name, *(point.text for point in points)) for name, points in sweep.curves.items()],
     )
 
 
-def _draw(path: Path, title: str, *sweeps: tuple[Sequence[float], Curves, str]) -> None:
+def _draw(title: str, *sweeps: Sweep) -> Figure:
     figure, axes = panels(len(sweeps), height=4.6)
-    for axis, (at, curves, label) in zip(axes, sweeps, strict=True):
-        _curves(axis, at, curves)
-        axis.set_xlabel(label)
+    for axis, sweep in zip(axes, sweeps, strict=True):
+        for k, (name, points) in enumerate(sweep.curves.items()):
+            places = np.array(sweep.at) * (1.0 + 0.015 * (k - 2))  # side by side
+            ratio = np.array([one.ratio for one in points])
+            low, high = np.array([one.bounds for one in points]).T
+            none = np.array([one.false.successes == 0 for one in points])
+            low, high = np.where(none, ratio, low), np.where(none, ratio, high)
+            ratio = np.where([one.detected.successes > 0 for one in points], ratio, np.nan)
+            look = {"color": COLOURS[name], "elinewidth": 0.8, "marker": MARKERS[name], "markersize": 4.5}
+            axis.errorbar(places, ratio, (ratio - low, high - ratio), linewidth=1.2, label=name, **look)
+            above = {"color": COLOURS[name], "linestyle": "none", "markersize": 5}
+            axis.plot(places[none], 1.25 * ratio[none], marker=6, **above)
+        octaves(axis, sweep.at)
         axis.axhline(1.0, color=INK, linewidth=0.8, linestyle=":")
-        axis.set_ylim(0.8, 4000.0)
+        axis.set(xlabel=sweep.label, ylim=(0.8, 4000.0))
     axes[0].set_ylabel("detections over false alarms")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
-    figure.suptitle(title, x=0.01, ha="left")
-    save(figure, path)
-
-
-def _curves(axis: Axes, at: Sequence[float], curves: Curves) -> None:
-    for k, (name, points) in enumerate(curves.items()):
-        places = np.array(at) * (1.0 + 0.015 * (k - 2))  # side by side
-        ratio = np.array([one.ratio for one in points])
-        low, high = np.array([one.bounds for one in points]).T
-        none = np.array([one.false.successes == 0 for one in points])
-        low, high = np.where(none, ratio, low), np.where(none, ratio, high)
-        ratio = np.where([one.detected.successes > 0 for one in points], ratio, np.nan)
-        axis.errorbar(places, ratio, (ratio - low, high - ratio), color=COLOURS[name], linewidth=1.2,
-                      elinewidth=0.8, marker=MARKERS[name], markersize=4.5, label=name)  # fmt: skip
-        axis.plot(places[none], 1.25 * ratio[none], color=COLOURS[name], marker=6, linestyle="none",
-                  markersize=5)  # fmt: skip
-    axis.set_xscale("log", base=2)
-    axis.set_xticks(list(at), [f"{one:g}" for one in at])
-    axis.minorticks_off()
-    axis.set_yscale("log")
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E23",
-        title="Detections over false alarms against noise",
-        source="Yang 2003",
-        lines="Fig. 14, L1182-1194",
-        reported="falls as noise grows; the likelihood ratio as good as any other or nearly; the threshold "
-        "on the estimate matches it (values not readable)",
-        criterion="the ratio falls with both noises; the likelihood ratio is at the top or tied",
-        run=against_noise,
-    ),
-    Reproduction(
-        id="E24",
-        title="Detections over false alarms against threshold and R/Q",
-        source="Yang 2003",
-        lines="Fig. 15, L1192",
-        reported="a higher threshold gives a higher ratio and fewer detections; a higher R/Q a higher ratio",
-        criterion="these trends, for all five detectors",
-        run=against_settings,
-    ),
-)
+    shared_legend(figure, axes[0], title, ncols=3, fontsize=9)
+    return figure

@@ -16,22 +16,14 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import IntArray
 
-__all__ = ["Operations", "count", "operations_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Operations:
-    """What solves took; all arrays (...,), in the shape of the batch.
+    """What solves took; all arrays (...,), in the shape of the batch."""
 
-    Attributes:
-        pivots: Changes of basis.
-        flips: Runs of a thruster from one of its bounds straight to the other.
-        arithmetic: Additions, subtractions, multiplications and divisions.
-    """
-
-    pivots: IntArray
-    flips: IntArray
-    arithmetic: IntArray
+    pivots: IntArray  # changes of basis
+    flips: IntArray  # Runs of a thruster from one of its bounds straight to the other
+    arithmetic: IntArray  # additions, subtractions, multiplications and divisions
 
 
 def count(mapper: LPMapper, commands: ArrayLike) -> Operations:

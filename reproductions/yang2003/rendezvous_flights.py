@@ -21,8 +21,6 @@ from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import VectorMapperAction
 
-__all__ = ["ENVIRONMENT", "POSITION_TOLERANCE", "Flights", "Make", "fly"]
-
 ENVIRONMENT = "thruster_envs/OrionRendezvous-v0"
 POSITION_TOLERANCE: float = gym.make(ENVIRONMENT).unwrapped.task.position_tolerance  # type: ignore[attr-defined]
 """Of the terminal box, m."""
@@ -35,23 +33,14 @@ _TOGETHER = 25  # flights side by side in one vector environment
 
 @dataclass(frozen=True)
 class Flights:
-    """How flights ended, one entry for each.
+    """How flights ended, one entry for each."""
 
-    Attributes:
-        success: Whether the craft was in the terminal box when the time was up.
-        lost: Whether it went out of bounds on the way.
-        miss: Distance from the target at the end, or where it was lost, m.
-        speed: There, m/s.
-        firing_time: Thruster-seconds of open valve.
-        commanded: Sum of the absolute translational rate changes that the controller asked for, m/s.
-    """
-
-    success: NDArray[np.bool_]
-    lost: NDArray[np.bool_]
-    miss: FloatArray
-    speed: FloatArray
-    firing_time: FloatArray
-    commanded: FloatArray
+    success: NDArray[np.bool_]  # whether the craft was in the terminal box when the time was up
+    lost: NDArray[np.bool_]  # whether it went out of bounds on the way
+    miss: FloatArray  # distance from the target at the end, or where it was lost, m
+    speed: FloatArray  # there, m/s
+    firing_time: FloatArray  # thruster-seconds of open valve
+    commanded: FloatArray  # sum of the absolute translational rate changes that the controller asked for, m/s
 
 
 def fly(
@@ -61,15 +50,7 @@ def fly(
     settings: RendezvousSettings | None = None,
     orbits: float = 0.5,
 ) -> Flights:
-    """Fly one episode of `OrionRendezvous-v0` for each seed, healthy, with a controller for each.
-
-    Args:
-        spacecraft: That flies, and that the controller believes in.
-        make: Its mapper.
-        seeds: Of the episodes.
-        settings: Of the controller.
-        orbits: Time for the rendezvous.
-    """
+    """Fly one healthy episode of `OrionRendezvous-v0` for each seed, with a controller for each."""
     parts = [
         _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings, orbits)
         for first in range(0, len(seeds), _TOGETHER)

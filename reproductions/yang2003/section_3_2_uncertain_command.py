@@ -1,26 +1,24 @@
 """Section 3.2: what the robust linear program gains when the command is uncertain, and when it gains nothing.
 
 The source reports a gain of 20 % on average for skewed errors, and proves that there is none for symmetric
-ones. It does not say how skewed its errors were. Here the true command is uniform in an interval around the
-given one, on each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other: half width
-w and skewness s. Both maps can meet what they aim at. What they miss of the true command is, with the plain
-program and with the robust one,
-
-    on average   w (1 + s^2) / 2  and  w / 2,    at worst   w (1 + s)  and  w.
+ones. It does not say how skewed. Here the true command is uniform in an interval around the given one, on
+each axis by itself, whose ends lie w (1 - s) to one side and w (1 + s) to the other. What is missed of it,
+with the plain program and with the robust one, is w (1 + s^2) / 2 and w / 2 on average, w (1 + s) and w at
+worst.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, ORANGE, Figure, panels, reference_line
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import AttitudeUncertainty, LPMapper, RobustCommandMapper
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
@@ -33,7 +31,7 @@ REACH, WIDEST = 0.15, 0.03  # of the authority: commands, and half widths of the
 SEED = 16
 ROUND_OFF = 1e-12
 ONE_DEGREE = float(np.radians(1.0))
-REFEREED = 200  # problems at most that HiGHS solves too
+CHECKED = 200  # problems at most that HiGHS solves too
 
 Ends = Callable[[np.random.Generator, tuple[int, int]], tuple[FloatArray, FloatArray]]
 """Draws how far intervals reach to either side, in units of the widest half width."""
@@ -64,21 +62,13 @@ KINDS: dict[str, Ends] = {
 
 @dataclass(frozen=True)
 class Misses:
-    """Of one kind of interval, in shares of authority summed over axes.
+    """Of one kind of interval, in shares of authority summed over axes."""
 
-    Attributes:
-        plain: (count,), what the linear program missed of the true command.
-        robust: (count,), what the robust one did.
-        worst_plain: (count,), the most that it could have missed.
-        worst_robust: (count,), likewise.
-        same: (count,), whether both fired alike.
-    """
-
-    plain: FloatArray
-    robust: FloatArray
-    worst_plain: FloatArray
-    worst_robust: FloatArray
-    same: NDArray[np.bool_]
+    plain: FloatArray  # (count,), what the linear program missed of the true command
+    robust: FloatArray  # (count,), what the robust one did
+    worst_plain: FloatArray  # (count,), the most that it could have missed
+    worst_robust: FloatArray  # (count,), likewise
+    same: NDArray[np.bool_]  # (count,), whether both fired alike
 
     @property
     def nearer(self) -> NDArray[np.bool_]:
@@ -96,33 +86,46 @@ class Misses:
         return float(1.0 - self.worst_robust.mean() / self.worst_plain.mean())
 
 
+@reproduces(
+    "E16",
+    lines="L689, L855",
+    reported="on average 20 % nearer to the true command; with symmetric errors the plain solution",
+    criterion="nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
+    "case; the same on-times for symmetric ones",
+)
 def skewed(effort: Effort) -> Finding:
-    """E16."""
+    """Robust program for an uncertain command: gain with skewed errors."""
     found = {name: misses(kind, effort.samples) for name, kind in KINDS.items()}
     usual, half, none = (found[name] for name in ("both ends independent", "half skewed", "symmetric"))
     difference = usual.plain - usual.robust
     error = float(difference.std() / np.sqrt(difference.size))
     nearer = int(usual.nearer.sum())
     low, high = clopper_pearson(nearer, difference.size)
+    table = Table.of(
+        "Miss of the true command, robust beside plain",
+        found,
+        {
+            "intervals": "{0}",
+            "nearer on average, %": lambda _, one: f"{100.0 * one.gain:.1f}",
+            "nearer at worst, %": lambda _, one: f"{100.0 * one.worst_gain:.1f}",
+            "nearer, share of commands, %": lambda _, one: f"{100.0 * one.nearer.mean():.1f}",
+        },
+    )
     return Finding(
-        ours=(
-            f"{100.0 * usual.gain:.3g} % nearer on average and {100.0 * usual.worst_gain:.3g} % at worst "
-            f"with independent ends; {100.0 * half.gain:.3g} and {100.0 * half.worst_gain:.3g} % with "
-            "half-skewed intervals; the same on-times for symmetric ones"
-        ),
+        ours=f"{100.0 * usual.gain:.3g} % nearer on average and {100.0 * usual.worst_gain:.3g} % at worst "
+        f"with independent ends; {100.0 * half.gain:.3g} and {100.0 * half.worst_gain:.3g} % with "
+        "half-skewed intervals; the same on-times for symmetric ones",
         checks={
             "nearer on average, by more than four standard errors": float(difference.mean()) > 4.0 * error,
             "20 % lies between mean and worst case": usual.gain <= REPORTED_GAIN <= usual.worst_gain,
             "for symmetric intervals both fire alike": bool(none.same.all()),
         },
-        note=(
-            f"Miss: sum over axes, in shares of authority. {difference.size} commands of each kind, uniform "
-            f"in a box of {100.0 * REACH:.0f} % of Orion's authority, intervals up to {200.0 * WIDEST:.0f} % "
-            "wide. With independent ends the robust one is nearer in "
-            f"{100.0 * nearer / difference.size:.1f} % of the cases (95 % interval {100.0 * low:.1f} to "
-            f"{100.0 * high:.1f}). The source does not say how skewed its errors were; in closed form 20 % "
-            "is the mean gain at a skewness of a half, and the worst-case gain at a quarter."
-        ),
+        note=f"Miss: sum over axes, in shares of authority. {difference.size} commands of each kind, uniform "
+        f"in a box of {100.0 * REACH:.0f} % of Orion's authority, intervals up to {200.0 * WIDEST:.0f} % "
+        "wide. With independent ends the robust one is nearer in "
+        f"{100.0 * nearer / difference.size:.1f} % of the cases (95 % interval {100.0 * low:.1f} to "
+        f"{100.0 * high:.1f}). The source does not say how skewed its errors were; in closed form 20 % "
+        "is the mean gain at a skewness of a half, and the worst-case gain at a quarter.",
         data={
             name: {
                 "gain": one.gain,
@@ -132,27 +135,19 @@ def skewed(effort: Effort) -> Finding:
             }
             for name, one in found.items()
         },
-        tables=(
-            Table(
-                "Miss of the true command, robust beside plain",
-                ("intervals", "nearer on average, %", "nearer at worst, %", "nearer, share of commands, %"),
-                tuple(
-                    (
-                        name,
-                        f"{100.0 * one.gain:.1f}",
-                        f"{100.0 * one.worst_gain:.1f}",
-                        f"{100.0 * one.nearer.mean():.1f}",
-                    )
-                    for name, one in found.items()
-                ),
-            ),
-        ),
-        figure=lambda path: draw(path, effort.samples),
+        tables=(table,),
+        figure=lambda: _draw(effort.samples),
     )
 
 
+@reproduces(
+    "E17",
+    lines="L691-752",
+    reported="the robust solution is the plain one, and the worst miss is the largest error",
+    criterion="equal on-times, and a worst miss of half the interval, for random commands and intervals",
+)
 def symmetric(effort: Effort) -> Finding:
-    """E17."""
+    """Symmetric errors of the command change nothing."""
     rng = np.random.default_rng(SEED + 1)
     commands = rng.uniform(-1.0, 1.0, (effort.samples, 6)) * AUTHORITY
     commands *= rng.choice([REACH, 1.0], (effort.samples, 1))  # some that can be met, some that cannot
@@ -163,41 +158,36 @@ def symmetric(effort: Effort) -> Finding:
     met = (np.abs(plain.slack) <= ROUND_OFF * AUTHORITY).all(axis=-1)
     apart = float(np.abs(robust.on_times - plain.on_times).max())
     beyond = np.abs(robust.worst_miss - half_widths)[met].max(initial=0.0)
-    turned = RobustCommandMapper(
-        ORION, attitude=AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
-    )(commands)
+    attitude = AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
+    turned = RobustCommandMapper(ORION, attitude=attitude)(commands)
     turned_apart = float(np.abs(turned.on_times - plain.on_times).max())
-    refereed = [
-        abs(robust.cost[i] / referee(commands[i], half_widths[i], mapper) - 1.0)
-        for i in range(min(REFEREED, effort.samples))
+    checked = [
+        abs(robust.cost[i] / by_highs(commands[i], half_widths[i], mapper) - 1.0)
+        for i in range(min(CHECKED, effort.samples))
     ]
-    has_none = referee(commands[0], half_widths[0], mapper, as_printed=True) is None
+    has_none = by_highs(commands[0], half_widths[0], mapper, as_printed=True) is None
     return Finding(
-        ours=(
-            f"on-times at most {apart:.1g} s apart over {effort.samples} commands, of which "
-            f"{int(met.sum())} can be met; their worst miss is the half width to {beyond:.1g}"
-        ),
+        ours=f"on-times at most {apart:.1g} s apart over {effort.samples} commands, of which "
+        f"{int(met.sum())} can be met; their worst miss is the half width to {beyond:.1g}",
         checks={
             "both programs fire alike": apart <= 1e-9,
             "where the command can be met the worst miss is the half width": float(beyond) <= 1e-9,
             "nor does an attitude error of one degree change a firing": turned_apart <= 1e-9,
-            "HiGHS finds the same cost for the program of eq. 23": max(refereed) <= 1e-7,
+            "HiGHS finds the same cost for the program of eq. 23": max(checked) <= 1e-7,
         },
         correction=(
             "as eqs. 21 and 23 print the signs of S the program has no solution; those of eq. 35 are right"
             if has_none
             else ""
         ),
-        note=(
-            "The proof is the source's; this tests that the mapper does what it says. Commands that cannot "
-            "be met are no exception: both programs give up the same of them."
-        ),
+        note="The proof is the source's; this tests that the mapper does what it says. Commands that cannot "
+        "be met are no exception: both programs give up the same of them.",
         data={
             "largest_difference_of_on_times": apart,
             "largest_difference_with_attitude_error": turned_apart,
             "commands": effort.samples,
             "met": int(met.sum()),
-            "largest_relative_difference_to_HiGHS": max(refereed),
+            "largest_relative_difference_to_HiGHS": max(checked),
         },
     )
 
@@ -223,7 +213,7 @@ def misses(ends: Ends, count: int, seed: int = SEED) -> Misses:
     )
 
 
-def referee(
+def by_highs(
     command: FloatArray, half_widths: FloatArray, mapper: RobustCommandMapper, *, as_printed: bool = False
 ) -> float | None:
     """The cost of the program of eq. 23 by HiGHS, rows in shares of authority; None if it has no solution."""
@@ -246,54 +236,18 @@ def _size(miss: FloatArray) -> FloatArray:
     return total
 
 
-def draw(path: Path, count: int) -> None:
-    """The gain against how skewed intervals are: closed forms, and random commands.
-
-    Args:
-        path: Of the PNG.
-        count: Commands for each point.
-    """
+def _draw(count: int) -> Figure:
+    """The gain against how skewed intervals are: closed forms, and random commands."""
     figure, (axes,) = panels(height=3.8)
-    curve = np.linspace(0.0, 1.0, 101)
-    points = np.linspace(0.0, 1.0, 11)
+    curve, points = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1.0, 11)
     found = [misses(skewed_by(one), count, SEED + 2) for one in points.tolist()]
     axes.plot(curve, 100.0 * curve / (1.0 + curve), color=ORANGE, linewidth=1.2)
     axes.plot(curve, 100.0 * curve**2 / (1.0 + curve**2), color=BLUE, linewidth=1.2)
     axes.plot(points, [100.0 * one.worst_gain for one in found], "s", color=ORANGE, label="at worst")
     axes.plot(points, [100.0 * one.gain for one in found], "o", color=BLUE, label="on average")
-    axes.axhline(100.0 * REPORTED_GAIN, color=INK, linestyle="--", linewidth=1.0)
-    axes.annotate(
-        "reported: 20 %", (1.0, 100.0 * REPORTED_GAIN), (0, 3), textcoords="offset points", ha="right"
-    )
-    axes.set(
-        xlabel="skewness of the intervals: 0 symmetric, 1 all on one side",
-        ylabel="nearer to the true command, %",
-        title="What the robust program gains by knowing the interval (lines: closed form)",
-    )
+    reference_line(axes, 100.0 * REPORTED_GAIN, "reported: 20 %")
+    axes.set(xlabel="skewness of the intervals: 0 symmetric, 1 all on one side")
+    axes.set(ylabel="nearer to the true command, %")
+    axes.set(title="What the robust program gains by knowing the interval (lines: closed form)")
     axes.legend(loc="upper left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E16",
-        title="Robust program for an uncertain command: gain with skewed errors",
-        source="Yang 2003",
-        lines="L689, L855",
-        reported="on average 20 % nearer to the true command; with symmetric errors the plain solution",
-        criterion=(
-            "nearer on average for skewed errors, with 20 % between the gains of the mean and of the worst "
-            "case; the same on-times for symmetric ones"
-        ),
-        run=skewed,
-    ),
-    Reproduction(
-        id="E17",
-        title="Symmetric errors of the command change nothing",
-        source="Yang 2003",
-        lines="L691-752",
-        reported="the robust solution is the plain one, and the worst miss is the largest error",
-        criterion="equal on-times, and a worst miss of half the interval, for random commands and intervals",
-        run=symmetric,
-    ),
-)
+    return figure

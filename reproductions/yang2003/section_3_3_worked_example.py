@@ -14,7 +14,9 @@ from typing import cast
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.cells import named
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper, RobustAllocation, RobustEffectivenessMapper
 from thruster_baselines.mapping.model import LostDirectionsWarning
 from thruster_envs.protocols import FloatArray
@@ -28,8 +30,14 @@ PRINTED_WORST_LOWER = np.array([[-0.9, -0.9], [0.9, -0.9], [-0.9, -0.9]])
 EXACT = 1e-9
 
 
+@reproduces(
+    "E18",
+    lines="L782-804",
+    reported="the matrix of the program for errors of 10 %, and its worst cases",
+    criterion="the printed matrix from its definition; one solution by mapper and by HiGHS",
+)
 def worked_example(effort: Effort) -> Finding:
-    """E18."""
+    """Robust program for uncertain thrusters, worked example."""
     corners = [
         EFFECTIVENESS * (1.0 + ERROR * np.array(signs)) for signs in itertools.product((-1.0, 1.0), repeat=2)
     ]
@@ -50,15 +58,24 @@ def worked_example(effort: Effort) -> Finding:
         for answer in (robust, largest)
     )
     misprint = np.abs(PRINTED_WORST_LOWER - lower)
+    table = Table(
+        "Matrix of the program, without the columns of the slacks",
+        ("row", "printed", "ours"),
+        [
+            (f"{sign}{axis}", named(printed), named(ours))
+            for sign, blocks in (("+", (PRINTED_UPPER, upper)), ("-", (PRINTED_LOWER, lower)))
+            for axis, printed, ours in zip("xyz", *blocks, strict=True)
+        ],
+    )
     return Finding(
-        ours=f"the matrix printed; on-times {_listed(robust.on_times)} s, worst miss {_listed(miss)}",
+        ours=f"the matrix printed; on-times {named(robust.on_times)} s, worst miss {named(miss)}",
         checks={
-            "the upper block is the one printed": float(np.abs(upper - PRINTED_UPPER).max()) < EXACT,
-            "the lower block is the one printed": float(np.abs(lower - PRINTED_LOWER).max()) < EXACT,
-            "mapper and HiGHS agree on the on-times": float(np.abs(robust.on_times - on_times).max()) < EXACT,
-            "and on the slack": float(np.abs(miss - slack).max()) < EXACT,
-            "the slack is the worst of the thrusters' errors": float(np.abs(worst - slack).max()) < EXACT,
-            "the plain program fires alike": float(np.abs(plain.on_times - on_times).max()) < EXACT,
+            "the upper block is the one printed": np.abs(upper - PRINTED_UPPER).max() < EXACT,
+            "the lower block is the one printed": np.abs(lower - PRINTED_LOWER).max() < EXACT,
+            "mapper and HiGHS agree on the on-times": np.abs(robust.on_times - on_times).max() < EXACT,
+            "and on the slack": np.abs(miss - slack).max() < EXACT,
+            "the slack is the worst of the thrusters' errors": np.abs(worst - slack).max() < EXACT,
+            "the plain program fires alike": np.abs(plain.on_times - on_times).max() < EXACT,
         },
         correction=(
             f"the worst case of the lower block (L797) has {PRINTED_WORST_LOWER[1, 0]} in row 2, column 1; "
@@ -66,11 +83,9 @@ def worked_example(effort: Effort) -> Finding:
             if misprint[1, 0] > EXACT and np.count_nonzero(misprint > EXACT) == 1
             else ""
         ),
-        note=(
-            f"With one slack for all axes in place of three the on-times are {_listed(largest.on_times)} s, "
-            f"and the largest miss is {worst_of_largest.max():.3g}. The source gives no solution to compare "
-            "with. Two thrusters leave a direction of the three out of reach; the command does not need it."
-        ),
+        note=f"With one slack for all axes in place of three the on-times are {named(largest.on_times)} s, "
+        f"and the largest miss is {worst_of_largest.max():.3g}. The source gives no solution to compare "
+        "with. Two thrusters leave a direction of the three out of reach; the command does not need it.",
         data={
             "upper": upper,
             "lower": lower,
@@ -78,17 +93,7 @@ def worked_example(effort: Effort) -> Finding:
             "worst_miss": miss,
             "largest_miss_with_one_slack": float(worst_of_largest.max()),
         },
-        tables=(
-            Table(
-                "Matrix of the program, without the columns of the slacks",
-                ("row", "printed", "ours"),
-                tuple(
-                    (f"{sign}{axis}", _listed(printed), _listed(ours))
-                    for sign, blocks in (("+", (PRINTED_UPPER, upper)), ("-", (PRINTED_LOWER, lower)))
-                    for axis, printed, ours in zip("xyz", *blocks, strict=True)
-                ),
-            ),
-        ),
+        tables=(table,),
     )
 
 
@@ -101,20 +106,3 @@ def by_highs(upper: FloatArray, lower: FloatArray) -> tuple[FloatArray, FloatArr
         bounds=[(0.0, LONGEST)] * 2 + [(0.0, None)] * 3,
     )
     return answer.x[:2], answer.x[2:]
-
-
-def _listed(values: FloatArray) -> str:
-    return f"[{', '.join(f'{one:.4g}' for one in values)}]"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E18",
-        title="Robust program for uncertain thrusters, worked example",
-        source="Yang 2003",
-        lines="L782-804",
-        reported="the matrix of the program for errors of 10 %, and its worst cases",
-        criterion="the printed matrix from its definition; one solution by mapper and by HiGHS",
-        run=worked_example,
-    ),
-)

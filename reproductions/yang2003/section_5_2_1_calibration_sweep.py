@@ -1,22 +1,22 @@
 """Initial misalignment after launch: each thruster fired alone, and what that tells.
 
-The source announces such a test for chapter 6 and shows none. Here thrusters are tilted by a random angle
+The source announces such a test for chapter 6 and shows none. Here thrusters are misaligned by a random angle
 about a random axis and their thrust is off by some per cent; the sweep of `thruster_baselines.estimation`
-fires them one by one, with Orion's scatter and sensor noise, and estimates. A tilt turns the force and,
-through the lever arm, the torque, which rate sensors see far better than Doppler sees a force; but a tilt
-towards the centre of mass changes the torque as a weaker thrust does, and only the force tells them apart.
+fires them one by one, with Orion's scatter and sensor noise, and estimates. Rate sensors see a turned torque
+far better than Doppler sees a force; but a tilt towards the centre of mass changes the torque as a weaker
+thrust does, and only the force tells them apart.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import LogLocator
 from scipy.stats import chi2
 
-from reproductions.figures import BLUE, INK, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.cells import proportion
+from reproductions.figures import BLUE, INK, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.estimation import CalibrationSweep
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
@@ -33,8 +33,15 @@ _THREE_OF_5_S = (len(PULSES) - 1) * len(REPETITIONS) + 1  # that sweep, among al
 THRUST_ERROR = 0.02  # one sigma of each thruster's own thrust, in the sweeps that test the covariance
 
 
+@reproduces(
+    "E51",
+    lines="section 5.2.1, L1058",
+    reported="announced for chapter 6, not shown",
+    criterion="errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % "
+    "of thrusters at one false alarm in 1,000",
+)
 def misalignment(effort: Effort) -> Finding:
-    """E51."""
+    """Calibration sweep for initial misalignment."""
     rng = np.random.default_rng(51)
     sweeps = max(4, int(SWEEPS_PER_EFFORT * effort.samples))
     deviations = [
@@ -49,14 +56,32 @@ def misalignment(effort: Effort) -> Finding:
     size = NOMINAL.size
     spread = float(np.sqrt(2.0 * size / sweeps))
     trials = sweeps * NOMINAL.shape[1]
+    known = Table.of(
+        "How well a sweep knows each thruster (standard deviations; the worst of twelve)",
+        deviations,
+        {
+            "pulse, s": "{0:g}",
+            "firings of each": "{1}",
+            "firing time, s": lambda pulse, count, *_: f"{pulse * count * NOMINAL.shape[1]:g}",
+            "thrust, %": lambda _, __, thrust, ___: f"{100.0 * thrust:.2f}",
+            "tilt, degrees": "{3:.3f}",
+        },
+    )
+    found = Table.of(
+        f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of {PULSES[-1]:g} "
+        f"s, threshold for {FALSE_ALARMS:g} false alarms)",
+        flagged,
+        {
+            "tilt, degrees": "{0:g}",
+            "said to be off, % (95 % interval)": lambda _, count: proportion(count, trials, ".2f", ""),
+        },
+    )
     return Finding(
-        ours=(
-            f"three firings of 5 s each: thrust to {100.0 * deviations[_THREE_OF_5_S][2]:.1f} %, tilt to "
-            f"{deviations[_THREE_OF_5_S][3]:.2f} degrees; normalised squared errors of {size} entries "
-            f"average {squares.mean():.1f}; {FOUND:g} degrees found in {flagged[FOUND]} of {trials} thrusters"
-        ),
+        ours=f"three firings of 5 s each: thrust to {100.0 * deviations[_THREE_OF_5_S][2]:.1f} %, tilt to "
+        f"{deviations[_THREE_OF_5_S][3]:.2f} degrees; normalised squared errors of {size} entries "
+        f"average {squares.mean():.1f}; {FOUND:g} degrees found in {flagged[FOUND]} of {trials} thrusters",
         checks={
-            "the mean squared error is what the covariance says, within four of its deviations": bool(
+            "the mean squared error is what the covariance says, within four of its deviations": (
                 abs(squares.mean() - size) < 4.0 * spread
             ),
             f"a tilt of {FOUND:g} degrees is found in 95 % of thrusters": flagged[FOUND] >= 0.95 * trials,
@@ -65,10 +90,8 @@ def misalignment(effort: Effort) -> Finding:
             ),
         },
         beyond_source=True,
-        note=(
-            "Scatter from firing to firing bounds what can be known of a thrust, however long the pulse: "
-            "only more firings help. For a tilt, longer pulses help too."
-        ),
+        note="Scatter from firing to firing bounds what can be known of a thrust, however long the pulse: "
+        "only more firings help. For a tilt, longer pulses help too.",
         data={
             "deviations": deviations,
             "mean normalised square": squares.mean(),
@@ -76,33 +99,12 @@ def misalignment(effort: Effort) -> Finding:
             "flagged": {f"{angle:g}": count for angle, count in flagged.items()},
             "threshold": threshold,
         },
-        tables=(
-            Table(
-                "How well a sweep knows each thruster (standard deviations; the worst of twelve)",
-                ("pulse, s", "firings of each", "firing time, s", "thrust, %", "tilt, degrees"),
-                tuple(
-                    (
-                        f"{pulse:g}",
-                        f"{count}",
-                        f"{pulse * count * NOMINAL.shape[1]:g}",
-                        f"{100.0 * thrust:.2f}",
-                        f"{tilt:.3f}",
-                    )
-                    for pulse, count, thrust, tilt in deviations
-                ),
-            ),
-            Table(
-                f"Thrusters said to be off, of those tilted by so much ({REPETITIONS[1]} firings of "
-                f"{PULSES[-1]:g} s, threshold for {FALSE_ALARMS:g} false alarms)",
-                ("tilt, degrees", "said to be off, % (95 % interval)"),
-                tuple((f"{angle:g}", _rate(count, trials)) for angle, count in flagged.items()),
-            ),
-        ),
-        figure=lambda path: _draw(path, deviations),
+        tables=(known, found),
+        figure=lambda: _draw(deviations),
     )
 
 
-def _tilted(rng: np.random.Generator, degrees: float) -> FloatArray:
+def _misaligned(rng: np.random.Generator, degrees: float) -> FloatArray:
     """(6, n): every thruster of Orion turned by this angle about a random axis across its thrust."""
     columns = []
     inverse = np.linalg.inv(np.array(ORION.inertia))
@@ -130,7 +132,7 @@ def _fired(sweep: CalibrationSweep, effectiveness: FloatArray, rng: np.random.Ge
 
 def _normalised_square(sweep: CalibrationSweep, rng: np.random.Generator) -> float:
     """Squared error of one sweep, weighed by the inverse of the stated covariance."""
-    true = _tilted(rng, float(rng.uniform(0.0, ANGLES[-1])))
+    true = _misaligned(rng, float(rng.uniform(0.0, ANGLES[-1])))
     true *= 1.0 + THRUST_ERROR * rng.normal(size=true.shape[1])
     answer = sweep.estimate(_fired(sweep, true, rng))
     error = (answer.effectiveness - true).T.ravel()
@@ -142,7 +144,7 @@ def _flagged(
 ) -> int:
     """How many thrusters exceed the threshold in so many sweeps in which all are tilted by this angle."""
     return sum(
-        int((sweep.estimate(_fired(sweep, _tilted(rng, degrees), rng)).statistic > threshold).sum())
+        int((sweep.estimate(_fired(sweep, _misaligned(rng, degrees), rng)).statistic > threshold).sum())
         for _ in range(sweeps)
     )
 
@@ -167,12 +169,7 @@ def _deviations(sweep: CalibrationSweep) -> tuple[float, float]:
     return float(max(thrusts)), float(max(tilts))
 
 
-def _rate(count: int, trials: int) -> str:
-    low, high = clopper_pearson(count, trials)
-    return f"{100.0 * count / trials:.2f} ({100.0 * low:.2f} to {100.0 * high:.2f})"
-
-
-def _draw(path: Path, deviations: list[tuple[float, int, float, float]]) -> None:
+def _draw(deviations: list[tuple[float, int, float, float]]) -> Figure:
     figure, (left, right) = panels(2)
     for panel, column, label, scale in ((left, 2, "thrust, %", 100.0), (right, 3, "tilt, degrees", 1.0)):
         for pulse, style in zip(PULSES, ("o:", "o--", "o-"), strict=True):
@@ -186,20 +183,4 @@ def _draw(path: Path, deviations: list[tuple[float, int, float, float]]) -> None
         panel.yaxis.set_major_formatter("{x:g}")
         panel.minorticks_off()
     left.legend(title="pulse", labelcolor=INK)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E51",
-        title="Calibration sweep for initial misalignment",
-        source="Yang 2003",
-        lines="section 5.2.1, L1058",
-        reported="announced for chapter 6, not shown",
-        criterion=(
-            "errors are as large as the estimate's covariance says; a tilt of 4 degrees is found in 95 % of "
-            "thrusters at one false alarm in 1,000"
-        ),
-        run=misalignment,
-    ),
-)
+    return figure

@@ -3,21 +3,19 @@
 The source gives no formulas of its planner, only that it minimises fuel by linear programming and that burns
 lie at the beginning and at the end. Here it is `thruster_baselines.guidance.RendezvousPlanner`, directly in
 on-times, with at most 90 % of a period in use and no rotation commanded: what the source prints of the first
-period, 4.5 s of thrusters 1, 6, 10 and 12 and (-0.027, -0.027) m/s, follows from that. Beside it stands what
-two impulses would take, in closed form.
+period follows from that. Beside it stands what two impulses would take, in closed form.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
-from reproductions.yang2003.earlier_computation import beside_earlier
+from reproductions.figures import BLUE, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.fault_mission import fly
-from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS
+from reproductions.yang2003.fault_mission_report import beside_earlier
+from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, SHARE, START, STEPS, path
 from thruster_baselines.guidance import transition_matrix
 from thruster_envs.protocols import FloatArray
 
@@ -29,8 +27,15 @@ AXES = ("radial", "along-track", "cross-track")
 REACHED = 1e-3  # m and mm/s
 
 
+@reproduces(
+    "E30",
+    lines="L1288-1293, L1349-1353, L1438",
+    reported="least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
+    "10, 12; full power on both axes for 10 to 15 periods",
+    criterion="all of that, at rest on the target, within 2 % of the delta-v of two impulses",
+)
 def planned(effort: Effort) -> Finding:
-    """E30."""
+    """The planned rendezvous (Fig. 20)."""
     flight = fly()
     (_, plan) = flight.plans[0]
     first = flight.on_times[0]
@@ -40,25 +45,38 @@ def planned(effort: Effort) -> Finding:
     both = int(np.argmin((np.abs(plan.rate_changes[:, :2]) > 0.99 * abs(PRINTED_CHANGE[0])).all(axis=1)))
     impulses = two_impulses()
     least = float(np.abs(impulses).sum())
-    at_both_ends = {
-        name: len(burns[name]) == 2 and burns[name][0][0] == 0 and burns[name][1][0] > STEPS // 2
-        for name in AXES[:2]
-    }
+    table = Table(
+        "Burns of the plan",
+        ("axis", "periods", "rate change, m/s", "by two impulses, m/s"),
+        [
+            (name, f"{start + 1} to {end + 1}", f"{change:.4f}", f"{impulses[number, axis]:.4f}")
+            for axis, name in enumerate(AXES)
+            for number, (start, end, change) in enumerate(burns[name][:2])
+        ],
+    )
+    earlier = beside_earlier(
+        {
+            "delta-v, m/s": (plan.delta_v, 1.0577),
+            "radial, m/s": (by_axis[0], 0.3977),
+            "along-track, m/s": (by_axis[1], 0.6600),
+            "firing time, thruster-s": (plan.firing_time, 352.6),
+            "delta-v of two impulses, m/s": (least, 1.0488),
+        }
+    )
     return Finding(
-        ours=(
-            f"{plan.delta_v:.4f} m/s ({by_axis[0]:.4f} radial, {by_axis[1]:.4f} along-track), "
-            f"{plan.firing_time:.1f} thruster-s; both axes at full power for {both} periods"
-        ),
+        ours=f"{plan.delta_v:.4f} m/s ({by_axis[0]:.4f} radial, {by_axis[1]:.4f} along-track), "
+        f"{plan.firing_time:.1f} thruster-s; both axes at full power for {both} periods",
         checks={
-            "it arrives at rest": bool(np.abs(plan.miss).max() < REACHED),
+            "it arrives at rest": np.abs(plan.miss).max() < REACHED,
             "burns on each axis of the plane at the beginning and at the end, none between": all(
-                at_both_ends.values()
+                len(burns[name]) == 2 and burns[name][0][0] == 0 and burns[name][1][0] > STEPS // 2
+                for name in AXES[:2]
             ),
-            "the first rate change is the printed one": bool(
+            "the first rate change is the printed one": (
                 np.abs(plan.rate_changes[0] - PRINTED_CHANGE).max() < 1e-9
             ),
             "and fires the printed thrusters for the printed time": (
-                fired == PRINTED_THRUSTERS and bool(np.abs(first[first > 0.0] - PRINTED_ON_TIME).max() < 1e-6)
+                fired == PRINTED_THRUSTERS and np.abs(first[first > 0.0] - PRINTED_ON_TIME).max() < 1e-6
             ),
             "both axes are at full power for the first 10 to 15 periods": (
                 FULL_POWER[0] <= both <= FULL_POWER[1]
@@ -67,10 +85,8 @@ def planned(effort: Effort) -> Finding:
                 least <= plan.delta_v <= 1.02 * least
             ),
         },
-        note=(
-            f"{STEPS} periods of {PERIOD:g} s, thrusters in use for at most {100.0 * SHARE:.0f} % of each. "
-            "Delta-v is the sum over axes of absolute rate changes, as Orion's thrusters deliver them."
-        ),
+        note=f"{STEPS} periods of {PERIOD:g} s, thrusters in use for at most {100.0 * SHARE:.0f} % of each. "
+        "Delta-v is the sum over axes of absolute rate changes, as Orion's thrusters deliver them.",
         data={
             "delta_v": plan.delta_v,
             "delta_v_by_axis": by_axis,
@@ -81,26 +97,7 @@ def planned(effort: Effort) -> Finding:
             "two_impulses": impulses,
             "two_impulses_delta_v": least,
         },
-        tables=(
-            Table(
-                "Burns of the plan",
-                ("axis", "periods", "rate change, m/s", "by two impulses, m/s"),
-                tuple(
-                    (name, f"{start + 1} to {end + 1}", f"{change:.4f}", f"{impulses[number, axis]:.4f}")
-                    for axis, name in enumerate(AXES)
-                    for number, (start, end, change) in enumerate(burns[name][:2])
-                ),
-            ),
-            beside_earlier(
-                {
-                    "delta-v, m/s": (plan.delta_v, 1.0577),
-                    "radial, m/s": (by_axis[0], 0.3977),
-                    "along-track, m/s": (by_axis[1], 0.6600),
-                    "firing time, thruster-s": (plan.firing_time, 352.6),
-                    "delta-v of two impulses, m/s": (least, 1.0488),
-                }
-            ),
-        ),
+        tables=(table, earlier),
         figure=_draw,
     )
 
@@ -122,36 +119,17 @@ def _burns(changes: FloatArray) -> list[tuple[int, int, float]]:
     ]
 
 
-def _draw(path: Path) -> None:
+def _draw() -> Figure:
     """The path in the orbital plane, after Fig. 20, and the rate changes over time."""
     flight = fly()
     figure, (left, right) = panels(2, height=3.7)
-    left.plot(flight.states[:, 1], flight.states[:, 0], color=BLUE)
-    left.annotate("start", (START[1], START[0]), (5, 2), textcoords="offset points")
-    left.annotate("target", (0.0, 0.0), (5, 5), textcoords="offset points")
-    left.set(xlabel="along-track, m", ylabel="radial, m", title="Planned path")
+    path(left, flight.states, color=BLUE)
+    left.set(title="Planned path")
     minutes = PERIOD / 60.0 * np.arange(STEPS)
-    for axis, color in ((0, ORANGE), (1, BLUE)):
-        right.step(minutes, 1e3 * flight.rate_changes[:, axis], where="post", color=color, label=AXES[axis])
-    right.axhline(
-        1e3 * PRINTED_CHANGE[0], color=INK, linestyle="--", linewidth=1.0, label="printed for period 1"
-    )
+    for axis, colour in ((0, ORANGE), (1, BLUE)):
+        right.step(minutes, 1e3 * flight.rate_changes[:, axis], where="post", color=colour, label=AXES[axis])
+    printed = {"color": INK, "linestyle": "--", "linewidth": 1.0, "label": "printed for period 1"}
+    right.axhline(1e3 * PRINTED_CHANGE[0], **printed)
     right.set(xlabel="time, min", ylabel="rate change per period, mm/s", title="Bang, off, bang")
     right.legend(loc="center", bbox_to_anchor=(0.38, 0.5), fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E30",
-        title="The planned rendezvous (Fig. 20)",
-        source="Yang 2003",
-        lines="L1288-1293, L1349-1353, L1438",
-        reported=(
-            "least fuel, bang-off-bang; first rate change (-0.027, -0.027) m/s by 4.5 s of thrusters 1, 6, "
-            "10, 12; full power on both axes for 10 to 15 periods"
-        ),
-        criterion="all of that, at rest on the target, within 2 % of the delta-v of two impulses",
-        run=planned,
-    ),
-)
+    return figure

@@ -1,23 +1,22 @@
-"""What the coupling loss does to a rendezvous that is flown without a look back, and what method II mends.
+"""What the coupling loss does to a rendezvous that is flown open loop, and what method II mends.
 
 The source's own setting (section 6.3): the plan of its chapter 6 from 300 m in half an orbit, Hill's
 equations and nothing else (no attitude, no scatter, no noise), each planned rate change mapped to on-times,
-and these fired to the end whatever comes of them.
-
-The plan is a reconstruction (`thruster_baselines.guidance.RendezvousPlanner`); what the source prints of its
-own, the first rate change and where burns lie, agrees with it.
+and these fired to the end whatever comes of them. The plan is a reconstruction (`RendezvousPlanner`); what
+the source prints of its own, the first rate change and where burns lie, agrees with it.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, annotate, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.guidance import RendezvousPlan, RendezvousPlanner, force_response, transition_matrix
 from thruster_baselines.mapping import AdditiveCompensationMapper, LPMapper, delivered_on_times
 from thruster_envs.protocols import FloatArray
@@ -28,9 +27,7 @@ PERIOD, COUPLING = ORION.control_period, ORION.feed.coupling
 START = np.array([300.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # m and m/s, LVLH
 STEPS = round(math.pi / ORION.mean_motion / PERIOD)  # half an orbit
 SHARE = 0.9  # of a period that the plan uses: the first rate change that the source prints takes 4.5 s of 5 s
-ROOM = (
-    1.0 - 3.0 * COUPLING
-)  # what a thruster gives with three more open: so much of a period can be made up for
+ROOM = 1.0 - 3.0 * COUPLING  # what a thruster gives with three more open: so much can be made up for
 TOLERANCE = 1e-3  # of method II in this section: 0.1 %
 
 REPORTED_LONGER = 0.16
@@ -40,25 +37,23 @@ REPORTED_LOSS_OF_TWO = 0.12
 
 @dataclass(frozen=True)
 class Followed:
-    """What came of on-times that were fired to the end.
+    """What came of on-times that were fired to the end."""
 
-    Attributes:
-        miss: Distance from the target, m.
-        speed: m/s.
-        firing_time: Thruster-seconds.
-        longest: The longest on-time, s.
-        lost_by: Largest share of thrust lost in a period, by how many thrusters it uses.
-    """
-
-    miss: float
-    speed: float
-    firing_time: float
-    longest: float
-    lost_by: dict[int, float]
+    miss: float  # distance from the target, m
+    speed: float  # m/s
+    firing_time: float  # thruster-seconds
+    longest: float  # the longest on-time, s
+    lost_by: dict[int, float]  # largest share of thrust lost in a period, by how many thrusters it uses
 
 
+@reproduces(
+    "E31",
+    lines="L1359-1364",
+    reported="the actual trajectory is completely different from the planned one",
+    criterion="the craft ends farther from the target than it began",
+)
 def no_compensation(effort: Effort) -> Finding:
-    """E31."""
+    """A rendezvous flown open loop with the coupling loss left alone (Fig. 22)."""
     on_times = plan_on_times(SHARE)
     end, coarse = followed(on_times), followed(on_times, as_if_together=True)
     uneven = sum(np.ptp(one[one > 0.0]) > 1e-9 for one in on_times if one.any())
@@ -68,19 +63,24 @@ def no_compensation(effort: Effort) -> Finding:
             "without the loss the plan arrives": bool(np.linalg.norm(plan(SHARE).miss[:3]) < 1e-3),
             "with it the craft ends farther off than it began": end.miss > float(np.linalg.norm(START[:3])),
         },
-        note=(
-            "The source draws the flight and gives no figure. Ours counts the loss by overlap, as the source "
-            f"does elsewhere. In {uneven} of the {STEPS} periods thrusters are open for different times; if "
-            "all that are used lose to each other there for as long as they are open themselves (as in the "
-            f"source's integer program), the miss is {coarse.miss:.0f} m."
-        ),
+        note="The source draws the flight and gives no figure. Ours counts the loss by overlap, as the "
+        f"source does elsewhere. In {uneven} of the {STEPS} periods thrusters are open for different times; "
+        "if all that are used lose to each other there for as long as they are open themselves (as in the "
+        f"source's integer program), the miss is {coarse.miss:.0f} m.",
         data={"by overlap": asdict(end), "as if together": asdict(coarse), "uneven periods": uneven},
         figure=_draw,
     )
 
 
+@reproduces(
+    "E32",
+    lines="L1364-1369",
+    reported="arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last "
+    "two firings",
+    criterion="15 to 17 % longer; 18 % lost with four thrusters open; arrives",
+)
 def with_method_2(effort: Effort) -> Finding:
-    """E32."""
+    """The same with method II (Fig. 23)."""
     plain = followed(plan_on_times(SHARE))
     flights = {
         "no compensation": plain,
@@ -93,12 +93,21 @@ def with_method_2(effort: Effort) -> Finding:
     more, more_with_room = (end.firing_time / plain.firing_time - 1.0 for end in (beyond, roomy))
     by_source = longer_if({2: REPORTED_LOSS_OF_TWO, 4: REPORTED_LOSS_OF_FOUR})
     loss = beyond.lost_by
+    table = Table.of(
+        "The plan followed to the end",
+        flights,
+        {
+            "": "{0}",
+            "firing time, thruster-s": "{1.firing_time:.1f}",
+            "longer, %": lambda name, _: f"{100.0 * longer[name]:.1f}",
+            "longest on-time, s": "{1.longest:.2f}",
+            "final miss, m": "{1.miss:.2f}",
+        },
+    )
     return Finding(
-        ours=(
-            f"{100.0 * more:.1f} % longer, {100.0 * more_with_room:.1f} % with a plan that leaves room; "
-            f"{100.0 * loss[4]:.0f} % lost with four open, {100.0 * loss[2]:.0f} % with two; "
-            f"final miss {beyond.miss:.1f} m"
-        ),
+        ours=f"{100.0 * more:.1f} % longer, {100.0 * more_with_room:.1f} % with a plan that leaves room; "
+        f"{100.0 * loss[4]:.0f} % lost with four open, {100.0 * loss[2]:.0f} % with two; "
+        f"final miss {beyond.miss:.1f} m",
         checks={
             "thrusters are open 15 to 17 % longer, with and without room in the plan": all(
                 abs(one - REPORTED_LONGER) <= 0.01 for one in (more, more_with_room)
@@ -112,28 +121,11 @@ def with_method_2(effort: Effort) -> Finding:
             else f"two thrusters lose {100.0 * loss[2]:.0f} % to each other by the source's own law, not "
             f"{100.0 * REPORTED_LOSS_OF_TWO:.0f} %, which would make it {100.0 * by_source:.1f} % longer"
         ),
-        note=(
-            f"The first burns take {beyond.longest:.2f} s of a period of {PERIOD:g} s, which the source does "
-            f"not mention. Cut at {PERIOD:g} s, method II falls short; the craft ends {cut.miss:.0f} m off. "
-            f"A plan that uses no more than {ROOM * PERIOD:.1f} s of a period can be made up for within it."
-        ),
+        note=f"The first burns take {beyond.longest:.2f} s of a period of {PERIOD:g} s, which the source "
+        f"does not mention. Cut at {PERIOD:g} s, method II falls short; the craft ends {cut.miss:.0f} m off. "
+        f"A plan that uses no more than {ROOM * PERIOD:.1f} s of a period can be made up for within it.",
         data={name: asdict(end) | {"longer": longer[name]} for name, end in flights.items()},
-        tables=(
-            Table(
-                "The plan followed to the end",
-                ("", "firing time, thruster-s", "longer, %", "longest on-time, s", "final miss, m"),
-                tuple(
-                    (
-                        name,
-                        f"{end.firing_time:.1f}",
-                        f"{100.0 * longer[name]:.1f}",
-                        f"{end.longest:.2f}",
-                        f"{end.miss:.2f}",
-                    )
-                    for name, end in flights.items()
-                ),
-            ),
-        ),
+        tables=(table,),
     )
 
 
@@ -199,58 +191,27 @@ def _states(delivered: FloatArray) -> FloatArray:
     return np.array(states)
 
 
-def _draw(path: Path) -> None:
-    """The paths in the orbital plane, after Fig. 22 and Fig. 23 of the source."""
+def path(axes: Axes, states: FloatArray, *style: str, **line: object) -> None:
+    """A path in the orbital plane, with its start and the target; states (periods + 1, 6), m and m/s."""
+    axes.plot(states[:, 1], states[:, 0], *style, **line)
+    if not axes.texts:
+        annotate(axes, "target", (0.0, 0.0), (5, 5))
+        annotate(axes, "start", (START[1], START[0]), (5, 2))
+        axes.set(xlabel="along-track, m", ylabel="radial, m")
+
+
+def _draw() -> Figure:
+    """After Fig. 22 and Fig. 23 of the source."""
     figure, (panel,) = panels(height=3.6)
-    plain = plan_on_times(SHARE)
-    paths = {
-        "planned": (_states(plain), INK, ":"),
-        "flown, no compensation (Fig. 22)": (_states(delivered_on_times(plain, COUPLING)), ORANGE, "-"),
-        "flown, method II (Fig. 23)": (
-            _states(delivered_on_times(_by_method_2(SHARE, 2.0 * PERIOD), COUPLING)),
-            BLUE,
-            "-",
-        ),
-    }
-    for name, (states, color, style) in paths.items():
-        width = 3.0 if style == ":" else 1.6
-        panel.plot(
-            states[:, 1],
-            states[:, 0],
-            style,
-            color=color,
-            label=name,
-            linewidth=width,
-            zorder=2 + (style == ":"),
-        )
-        panel.plot(states[-1, 1], states[-1, 0], "o", color=color)
-    panel.annotate("target", (0.0, 0.0), (6, 6), textcoords="offset points")
-    panel.annotate("start", (START[1], START[0]), (6, 0), textcoords="offset points")
-    panel.set(xlabel="along-track, m", ylabel="radial, m", aspect="equal")
+    plain, mended = plan_on_times(SHARE), _by_method_2(SHARE, 2.0 * PERIOD)
+    path(panel, _states(plain), ":", color=INK, label="planned", linewidth=3.0, zorder=3)
+    for name, on_times, colour in (
+        ("flown, no compensation (Fig. 22)", plain, ORANGE),
+        ("flown, method II (Fig. 23)", mended, BLUE),
+    ):
+        states = _states(delivered_on_times(on_times, COUPLING))
+        path(panel, states, color=colour, label=name, linewidth=1.6)
+        panel.plot(states[-1, 1], states[-1, 0], "o", color=colour)
+    panel.set(aspect="equal")
     panel.legend(loc="lower left")
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E31",
-        title="A rendezvous flown open loop with the coupling loss left alone (Fig. 22)",
-        source="Yang 2003",
-        lines="L1359-1364",
-        reported="the actual trajectory is completely different from the planned one",
-        criterion="the craft ends farther from the target than it began",
-        run=no_compensation,
-    ),
-    Reproduction(
-        id="E32",
-        title="The same with method II (Fig. 23)",
-        source="Yang 2003",
-        lines="L1364-1369",
-        reported=(
-            "arrives; thrusters open about 16 % longer; 18 % lost with four open, about 12 % in the last two "
-            "firings"
-        ),
-        criterion="15 to 17 % longer; 18 % lost with four thrusters open; arrives",
-        run=with_method_2,
-    ),
-)
+    return figure

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper, delivered_rate_change
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import load
@@ -22,38 +23,47 @@ PRINTED_RATE_CHANGE = np.array([-0.002214, -0.02214, 0.0, 0.0, 0.0, 0.0])
 ROUND_OFF = 1e-12
 
 
+@reproduces(
+    "E20",
+    lines="L1347-1353",
+    reported="4.5 s on thrusters 1, 6, 10, 12",
+    criterion="the on-times reported, exactly; no other optimum; 18 thruster-seconds",
+)
 def on_times(effort: Effort) -> Finding:
-    """E20."""
+    """On-times of the first rate change of Orion's rendezvous."""
     allocation = LPMapper(ORION)(COMMAND)
     fired, firing_time = allocation.on_times, float(allocation.on_times.sum())
     least, most = range_of_optima(firing_time)
+    table = Table(
+        "On-times, s",
+        ("thruster", *(f"{i + 1}" for i in range(fired.size))),
+        (
+            ("reported", *(f"{one:g}" for one in REPORTED_ON_TIMES)),
+            ("ours", *(f"{one:.6g}" for one in fired)),
+        ),
+    )
     return Finding(
         ours=f"{_named(fired)}; {firing_time:.6g} thruster-s",
         checks={
-            "on-times are those reported": bool(np.abs(fired - REPORTED_ON_TIMES).max() <= ROUND_OFF),
-            "nothing is left of the command": bool(np.abs(allocation.slack).max() <= ROUND_OFF),
-            "no other on-times do it with as little firing": bool((most - least).max() <= 1e-6),
+            "on-times are those reported": np.abs(fired - REPORTED_ON_TIMES).max() <= ROUND_OFF,
+            "nothing is left of the command": np.abs(allocation.slack).max() <= ROUND_OFF,
+            "no other on-times do it with as little firing": (most - least).max() <= 1e-6,
         },
-        note=(
-            "That the optimum is unique is asked of HiGHS: it looks for the least and the largest on-time of "
-            "each thruster among all firings that meet the command in the same firing time."
-        ),
+        note="That the optimum is unique is asked of HiGHS: it looks for the least and the largest on-time "
+        "of each thruster among all firings that meet the command in the same firing time.",
         data={"on_times": fired, "slack": allocation.slack, "firing_time": firing_time},
-        tables=(
-            Table(
-                "On-times, s",
-                ("thruster", *(f"{i + 1}" for i in range(fired.size))),
-                (
-                    ("reported", *(f"{one:g}" for one in REPORTED_ON_TIMES)),
-                    ("ours", *(f"{one:.6g}" for one in fired)),
-                ),
-            ),
-        ),
+        tables=(table,),
     )
 
 
+@reproduces(
+    "E21",
+    lines="L1355-1357",
+    reported="18 % lost with four open; [-0.002214, -0.02214, 0, 0, 0, 0]",
+    criterion="0.82 of the command on x and on y, nothing on the other axes",
+)
 def coupling_loss(effort: Effort) -> Finding:
-    """E21."""
+    """What the coupling loss leaves of it."""
     fired = LPMapper(ORION)(COMMAND).on_times
     effectiveness = ORION.effectiveness()
     delivered = delivered_rate_change(effectiveness, fired, ORION.feed.coupling)
@@ -63,8 +73,8 @@ def coupling_loss(effort: Effort) -> Finding:
     return Finding(
         ours=f"[{figures}]; {100.0 * loss[0]:.4g} % lost on x",
         checks={
-            "18 % is lost on each of the two axes": bool(np.abs(loss - 0.18).max() <= ROUND_OFF),
-            "all but the first figure are those printed": bool(agrees[1:].all()),
+            "18 % is lost on each of the two axes": np.abs(loss - 0.18).max() <= ROUND_OFF,
+            "all but the first figure are those printed": agrees[1:].all(),
         },
         correction=(
             ""
@@ -98,25 +108,3 @@ def _named(fired: FloatArray) -> str:
         for time in times
     ]
     return "; ".join(groups)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E20",
-        title="On-times of the first rate change of Orion's rendezvous",
-        source="Yang 2003",
-        lines="L1347-1353",
-        reported="4.5 s on thrusters 1, 6, 10, 12",
-        criterion="the on-times reported, exactly; no other optimum; 18 thruster-seconds",
-        run=on_times,
-    ),
-    Reproduction(
-        id="E21",
-        title="What the coupling loss leaves of it",
-        source="Yang 2003",
-        lines="L1355-1357",
-        reported="18 % lost with four open; [-0.002214, -0.02214, 0, 0, 0, 0]",
-        criterion="0.82 of the command on x and on y, nothing on the other axes",
-        run=coupling_loss,
-    ),
-)

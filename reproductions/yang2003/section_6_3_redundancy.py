@@ -2,22 +2,20 @@
 
 A direction is one of the six axes with a sign; it is kept if thrusters can change that rate and no other. How
 much of it is left in a period comes from one linear program for each direction, and whether there is any is
-asked of the mapper besides: with no limit on the on-times it then has to meet a command in full.
-
-The source speaks of one loss. What two losses take away is ours.
+asked of the mapper besides. The source speaks of one loss; what two losses take away is ours.
 """
 
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, RED, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, RED, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from thruster_baselines.mapping import LPMapper
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import load
@@ -28,8 +26,14 @@ DIRECTIONS = np.vstack([np.eye(6), -np.eye(6)])
 NAMES = tuple(f"{sign}{axis}" for sign in "+-" for axis in ("x", "y", "z", "x-rot", "y-rot", "z-rot"))
 
 
+@reproduces(
+    "E22",
+    lines="L1345",
+    reported="full control in six degrees of freedom after the loss of any one thruster",
+    criterion="some authority left in all 12 signed directions after each of the 12 losses",
+)
 def redundancy(effort: Effort) -> Finding:
-    """E22."""
+    """Orion's redundancy: any one thruster lost."""
     count = len(ORION.thrusters)
     healthy = authority(())
     left = np.array([authority((i,)) for i in range(count)])
@@ -38,19 +42,20 @@ def redundancy(effort: Effort) -> Finding:
     losing = [(i + 1, j + 1) for i, j in pairs if not kept_by_mapper((i, j)).all()]
     shares = left / healthy
     changed = shares < 1.0 - 1e-9
+    table = Table.of(
+        "Authority of one period of 5 s with the other axes held at zero, m/s and rad/s",
+        [("none", healthy), *((f"{i + 1}", one) for i, one in enumerate(left))],
+        {"lost": "{0}"} | {name: (lambda _, one, k=k: f"{one[k]:.3g}") for k, name in enumerate(NAMES)},
+    )
     return Finding(
-        ours=(
-            f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} of "
-            f"{len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each"
-        ),
+        ours=f"{kept.sum()} of {kept.size} directions are kept; a loss weakens {changed.sum(axis=1).max()} "
+        f"of {len(DIRECTIONS)} at most, and leaves {100.0 * shares.min():.3g} % or more of each",
         checks={
-            "after each single loss the mapper meets a command in each direction": bool(kept.all()),
-            "and HiGHS finds authority in each": bool((shares > 1e-6).all()),
+            "after each single loss the mapper meets a command in each direction": kept.all(),
+            "and HiGHS finds authority in each": (shares > 1e-6).all(),
         },
-        note=(
-            f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
-            f"direction away. They are {', '.join(f'{i} and {j}' for i, j in losing)}."
-        ),
+        note=f"Two losses are more than the source speaks of: {len(losing)} of {len(pairs)} pairs take a "
+        f"direction away. They are {', '.join(f'{i} and {j}' for i, j in losing)}.",
         data={
             "directions": NAMES,
             "healthy": healthy,
@@ -58,19 +63,8 @@ def redundancy(effort: Effort) -> Finding:
             "pairs": len(pairs),
             "pairs_that_lose_a_direction": losing,
         },
-        tables=(
-            Table(
-                "Authority of one period of 5 s with the other axes held at zero, m/s and rad/s",
-                ("lost", *NAMES),
-                tuple(
-                    (name, *(f"{one:.3g}" for one in values))
-                    for name, values in zip(
-                        ("none", *(f"{i + 1}" for i in range(count))), [healthy, *left], strict=True
-                    )
-                ),
-            ),
-        ),
-        figure=lambda path: draw(path, shares),
+        tables=(table,),
+        figure=lambda: _draw(shares),
     )
 
 
@@ -105,44 +99,20 @@ def _without(lost: tuple[int, ...]) -> FloatArray:
     return working
 
 
-def draw(path: Path, shares: FloatArray) -> None:
-    """What is left of each direction after each loss, in %.
-
-    Args:
-        path: Of the PNG.
-        shares: (12, 12): lost thruster, direction.
-    """
+def _draw(shares: FloatArray) -> Figure:
+    """What is left of each direction after each loss, in %; shares (lost thruster, direction)."""
     figure, (axes,) = panels(height=4.4)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
-    whole = np.isclose(shares, 1.0)
     for (row, column), share in np.ndenumerate(shares):
-        colour = INK if whole[row, column] else RED if share < 1e-6 else BLUE
-        axes.text(
-            column, row, f"{100.0 * share:.0f}", ha="center", va="center", color=colour,
-            alpha=0.45 if whole[row, column] else 1.0, weight="normal" if whole[row, column] else "bold",
-        )  # fmt: skip
+        look = {"color": RED if share < 1e-6 else BLUE, "weight": "bold"}
+        if np.isclose(share, 1.0):
+            look = {"color": INK, "alpha": 0.45}
+        axes.text(column, row, f"{100.0 * share:.0f}", ha="center", va="center", **look)
     axes.set_xticks(range(len(NAMES)), NAMES)
     axes.set_yticks(range(len(shares)), [f"{i + 1}" for i in range(len(shares))])
-    axes.set(
-        xlim=(-0.6, len(NAMES) - 0.4),
-        ylim=(len(shares) - 0.4, -0.6),
-        xlabel="direction, other axes held at zero",
-        ylabel="lost thruster",
-        title="What Orion has left of each direction when one thruster is lost, % of healthy",
-    )
+    axes.set(xlim=(-0.6, len(NAMES) - 0.4), ylim=(len(shares) - 0.4, -0.6), ylabel="lost thruster")
+    axes.set(xlabel="direction, other axes held at zero")
+    axes.set(title="What Orion has left of each direction when one thruster is lost, % of healthy")
     axes.tick_params(length=0)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E22",
-        title="Orion's redundancy: any one thruster lost",
-        source="Yang 2003",
-        lines="L1345",
-        reported="full control in six degrees of freedom after the loss of any one thruster",
-        criterion="some authority left in all 12 signed directions after each of the 12 losses",
-        run=redundancy,
-    ),
-)
+    return figure

@@ -1,20 +1,11 @@
 """Is the plain linear program the robust optimum for Orion, as the source says of section 6.3?
 
-Two errors: the measured attitude is off by up to one degree about each axis, so that the command should have
-been another; and each thruster gives up to 10 % more or less than it should, independently of the others. The
-source argues by symmetry that on-times which solve A x = b have the least largest error then.
-
-The largest error is taken in two ways, in shares of authority:
-
-- by axis: the worst error of each axis by itself, summed over axes, which is what the source's robust program
-  minimises. Its least over all on-times is a linear program with a slack for each axis.
-- together: the worst sum over axes, all of them under the same error. That sum is the largest of 64 linear
-  functions, one for each choice of signs s of the axes. For each of them the worst error is known: a thruster
-  gives most or least by the sign of s'a_i, and of the attitude, for small angles, at one of eight corners.
-  So the least is a linear program of 64 rows.
-
-Both are solved by HiGHS, and what the plain program leaves is set beside them. Commands are those of the plan
-of chapter 6, and random ones on six axes.
+The measured attitude is off by up to one degree about each axis; each thruster gives up to 10 % more or less
+than it should, independently. The largest error, in shares of authority, is taken by axis (the worst error of
+each axis by itself, summed, which the source's robust program minimises) and together (the worst sum over
+axes under the same error: the largest of 64 linear functions, one for each choice of signs of the axes). Its
+least over all on-times is a linear program, solved by HiGHS; what the plain program leaves is set beside it.
+Commands are those of the plan of chapter 6, and random ones on six axes.
 """
 
 from __future__ import annotations
@@ -23,13 +14,13 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.figures import BLUE, INK, ORANGE, Figure, annotate, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, SHARE, plan
 from thruster_baselines.mapping import (
     AttitudeUncertainty,
@@ -47,7 +38,7 @@ AUTHORITY = ORION.authority()
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 REACH = 0.15  # of the authority: random commands, which can be met
-REFEREED = 0.01  # of the effort's samples: random commands that HiGHS solves too
+SOLVED_TWICE = 0.01  # of the effort's samples: random commands that HiGHS solves too
 SAME = 1e-6  # relative: so well both are solved
 SEED = 33
 BY_AXIS, TOGETHER = "by axis", "together"
@@ -58,19 +49,12 @@ Rows = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Beside:
-    """The plain program beside the best of all on-times.
+    """The plain program beside the best of all on-times."""
 
-    Attributes:
-        plain: (commands,), largest error of its on-times.
-        robust: (commands,), of the robust program's.
-        best: (commands,), the least largest error.
-        apart: Largest difference of on-times between the plain and the robust program, s.
-    """
-
-    plain: FloatArray
-    robust: FloatArray
-    best: FloatArray
-    apart: float
+    plain: FloatArray  # (commands,), largest error of its on-times
+    robust: FloatArray  # (commands,), of the robust program's
+    best: FloatArray  # (commands,), the least largest error
+    apart: float  # largest difference of on-times between the plain and the robust program, s
 
     def before(self, count: int) -> Beside:
         """Of so many first commands."""
@@ -91,8 +75,14 @@ class Beside:
         return float((self.plain / self.best).max() - 1.0)
 
 
+@reproduces(
+    "E33",
+    lines="L1371-1381",
+    reported="the plain mapping is the one that minimises the largest possible error",
+    criterion="the robust program fires alike; by another solver, nothing has a smaller largest error",
+)
 def attitude(effort: Effort) -> Finding:
-    """E33."""
+    """Attitude errors of one degree leave the plain linear program the robust optimum."""
     commands, planned = _commands(effort.samples)
     robust = RobustCommandMapper(
         ORION, attitude=AttitudeUncertainty(half_widths=ONE_DEGREE, small_angles=True)
@@ -103,25 +93,27 @@ def attitude(effort: Effort) -> Finding:
     second_order = LPMapper(ORION)(commands).on_times @ NOMINAL.T - exact(commands).on_times @ NOMINAL.T
     moved = float((np.abs(second_order[:, :3]).max(axis=1) / size).max())
     return Finding(
-        ours=(
-            f"the same on-times to {beside.apart:.1g} s; of {commands.shape[0]} commands, {planned} of them "
-            f"the plan's, no on-times have a smaller largest error in {100.0 * beside.plain_is_best:.4g} %"
-        ),
+        ours=f"the same on-times to {beside.apart:.1g} s; of {commands.shape[0]} commands, {planned} of them "
+        f"the plan's, no on-times have a smaller largest error in {100.0 * beside.plain_is_best:.4g} %",
         checks={
             "the robust program fires as the plain one": beside.apart < 1e-9,
             "by HiGHS, no on-times have a smaller largest error": beside.plain_is_best == 1.0,
         },
-        note=(
-            "For small angles, as the source has them. With rotations of the full size the interval is not "
-            f"quite symmetric; the robust program then asks for up to {100.0 * moved:.2g} % of the command "
-            f"less or more on an axis, against the {100.0 * ONE_DEGREE:.2g} % that one degree turns aside."
-        ),
+        note="For small angles, as the source has them. With rotations of the full size the interval is not "
+        f"quite symmetric; the robust program then asks for up to {100.0 * moved:.2g} % of the command "
+        f"less or more on an axis, against the {100.0 * ONE_DEGREE:.2g} % that one degree turns aside.",
         data=_data(beside) | {"second_order": moved},
     )
 
 
+@reproduces(
+    "E34",
+    lines="L1383",
+    reported="the plain mapping is the one that minimises the largest possible error",
+    criterion="by another solver, nothing has a smaller largest error",
+)
 def scatter(effort: Effort) -> Finding:
-    """E34."""
+    """So does thrust that scatters by 10 %."""
     commands, planned = _commands(effort.samples)
     found = {
         (size, measure): _beside(
@@ -134,20 +126,31 @@ def scatter(effort: Effort) -> Finding:
         for measure in (BY_AXIS, TOGETHER)
     }
     usual, together = found[SCATTER, BY_AXIS], found[SCATTER, TOGETHER]
+    table = Table.of(
+        "The plain program beside the best of all on-times",
+        [(*key, one) for key, one in found.items()],
+        {
+            "scatter, %": lambda size, *_: f"{100.0 * size:g}",
+            "largest error": "{1}",
+            "no better on-times, % of the plan's commands": lambda _, __, one: (
+                f"{100.0 * one.before(planned).plain_is_best:.1f}"
+            ),
+            "of random ones": lambda _, __, one: f"{100.0 * one.after(planned).plain_is_best:.1f}",
+            "plain program's over the least, at most": lambda _, __, one: f"{1.0 + one.beyond:.4f}",
+            "robust program's": lambda _, __, one: f"{(one.robust / one.best).max():.4f}",
+        },
+    )
     return Finding(
-        ours=(
-            f"by axis, no on-times have a smaller largest error in {100.0 * usual.plain_is_best:.4g} % of "
-            f"{commands.shape[0]} commands, {planned} of them the plan's; together, in all of the plan's "
-            f"and in {100.0 * together.after(planned).plain_is_best:.3g} % of random ones"
-        ),
+        ours=f"by axis, no on-times have a smaller largest error in {100.0 * usual.plain_is_best:.4g} % of "
+        f"{commands.shape[0]} commands, {planned} of them the plan's; together, in all of the plan's "
+        f"and in {100.0 * together.after(planned).plain_is_best:.3g} % of random ones",
         checks={
             "for the plan's commands no on-times have a smaller largest error, by axis and together": all(
                 one.before(planned).plain_is_best == 1.0 for one in (usual, together)
             ),
             "nor for random ones by axis": usual.plain_is_best == 1.0,
-            "the robust program has the same error by axis": bool(
-                np.abs(usual.robust / usual.plain - 1.0).max() < SAME
-            ),
+            "the robust program has the same error by axis": np.abs(usual.robust / usual.plain - 1.0).max()
+            < SAME,
             "with scatter of more than 100 % it is not so": (
                 found[OTHER_SCATTERS[-1], BY_AXIS].plain_is_best < 1.0
             ),
@@ -159,39 +162,13 @@ def scatter(effort: Effort) -> Finding:
             if together.plain_is_best < 1.0
             else ""
         ),
-        note=(
-            "Taken by axis, what a second of firing adds to the largest error is the same share of "
-            "authority for each of Orion's thrusters, so that least firing is least error, until it is "
-            "better to leave a part of a command than to serve it with such thrusters. Together, errors of "
-            "a thruster on its axes may cancel with those of another, and which thrusters serve a command "
-            "makes a difference."
-        ),
+        note="Taken by axis, what a second of firing adds to the largest error is the same share of "
+        "authority for each of Orion's thrusters, so that least firing is least error, until it is better to "
+        "leave a part of a command than to serve it with such thrusters. Together, errors of a thruster on "
+        "its axes may cancel with those of another, and which thrusters serve a command makes a difference.",
         data={f"{size:g}, {measure}": _data(one) for (size, measure), one in found.items()},
-        tables=(
-            Table(
-                "The plain program beside the best of all on-times",
-                (
-                    "scatter, %",
-                    "largest error",
-                    "no better on-times, % of the plan's commands",
-                    "of random ones",
-                    "plain program's over the least, at most",
-                    "robust program's",
-                ),
-                tuple(
-                    (
-                        f"{100.0 * size:g}",
-                        measure,
-                        f"{100.0 * one.before(planned).plain_is_best:.1f}",
-                        f"{100.0 * one.after(planned).plain_is_best:.1f}",
-                        f"{1.0 + one.beyond:.4f}",
-                        f"{float((one.robust / one.best).max()):.4f}",
-                    )
-                    for (size, measure), one in found.items()
-                ),
-            ),
-        ),
-        figure=partial(_draw, found=found),
+        tables=(table,),
+        figure=lambda: _draw(found),
     )
 
 
@@ -218,9 +195,8 @@ def scatter_rows(command: FloatArray, size: float) -> tuple[FloatArray, FloatArr
 def axis_rows(command: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     """The same with the worst error of each axis by itself, summed."""
     weighed = SIGNS / AUTHORITY
-    return weighed @ NOMINAL + size * (np.abs(NOMINAL) / AUTHORITY[:, np.newaxis]).sum(
-        axis=0
-    ), weighed @ command
+    worst = (np.abs(NOMINAL) / AUTHORITY[:, np.newaxis]).sum(axis=0)
+    return weighed @ NOMINAL + size * worst, weighed @ command
 
 
 def least_largest_error(rows: FloatArray, offset: FloatArray) -> float:
@@ -251,7 +227,7 @@ def _commands(samples: int) -> tuple[FloatArray, int]:
     changes = plan(SHARE).rate_changes
     planned = np.unique(changes[np.abs(changes).max(axis=1) > 1e-9].round(12), axis=0)
     rng = np.random.default_rng(SEED)
-    drawn = rng.uniform(-REACH, REACH, (max(2, int(REFEREED * samples)), 6)) * AUTHORITY
+    drawn = rng.uniform(-REACH, REACH, (max(2, int(SOLVED_TWICE * samples)), 6)) * AUTHORITY
     return np.concatenate([planned, drawn]), planned.shape[0]
 
 
@@ -265,55 +241,18 @@ def _data(beside: Beside) -> dict[str, object]:
     }
 
 
-def _draw(path: Path, found: dict[tuple[float, str], Beside]) -> None:
+def _draw(found: dict[tuple[float, str], Beside]) -> Figure:
     """By how much larger the largest error is than it need be, against the scatter."""
     figure, both = panels(2, height=3.5)
     for axes, measure in zip(both, (BY_AXIS, TOGETHER), strict=True):
-        of_measure = {size: one for (size, which), one in found.items() if which == measure}
-        for name, color, marker in (("plain", BLUE, "o"), ("robust", ORANGE, "s")):
-            axes.plot(
-                [100.0 * size for size in of_measure],
-                [100.0 * (float((getattr(one, name) / one.best).max()) - 1.0) for one in of_measure.values()],
-                marker,
-                linestyle="-",
-                color=color,
-                fillstyle="none",
-                label=f"{name} program, worst command",
-            )
+        of_measure = {100.0 * size: one for (size, which), one in found.items() if which == measure}
+        for name, colour, marker in (("plain", BLUE, "o"), ("robust", ORANGE, "s")):
+            beyond = [100.0 * ((getattr(one, name) / one.best).max() - 1.0) for one in of_measure.values()]
+            label = f"{name} program, worst command"
+            axes.plot(list(of_measure), beyond, f"{marker}-", color=colour, fillstyle="none", label=label)
         axes.axvline(100.0 * SCATTER, color=INK, linestyle="--", linewidth=1.0)
-        axes.annotate(
-            "Orion",
-            (100.0 * SCATTER, 0.6),
-            (4, 0),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-        )
-        axes.set(
-            xlabel="scatter of each thruster, %",
-            ylabel="largest error beyond the least, %",
-            title=f"Errors of axes {'apart' if measure == BY_AXIS else measure}",
-        )
+        annotate(axes, "Orion", (100.0 * SCATTER, 0.6), (4, 0), xycoords=("data", "axes fraction"))
+        axes.set(xlabel="scatter of each thruster, %", ylabel="largest error beyond the least, %")
+        axes.set(title=f"Errors of axes {'apart' if measure == BY_AXIS else measure}")
         axes.legend(loc="upper left", bbox_to_anchor=(0.1, 1.0), fontsize=8.5)
-    save(figure, path)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E33",
-        title="Attitude errors of one degree leave the plain linear program the robust optimum",
-        source="Yang 2003",
-        lines="L1371-1381",
-        reported="the plain mapping is the one that minimises the largest possible error",
-        criterion="the robust program fires alike; by another solver, nothing has a smaller largest error",
-        run=attitude,
-    ),
-    Reproduction(
-        id="E34",
-        title="So does thrust that scatters by 10 %",
-        source="Yang 2003",
-        lines="L1383",
-        reported="the plain mapping is the one that minimises the largest possible error",
-        criterion="by another solver, nothing has a smaller largest error",
-        run=scatter,
-    ),
-)
+    return figure

@@ -1,19 +1,20 @@
 """Unexpected faults found and corrected within five iterations (E49).
 
 The conclusions of the source name the number without a count. Here the whole chain flies: likelihood ratio
-test with the source's threshold, model comparison in the interval of the alarm, and the believed
-effectiveness overwritten with what was found. An iteration is an interval of 1 s in which the thruster that
-fails is told to fire for long enough: as long as it takes its loss to reach the threshold without noise,
-u = sqrt(threshold R) / (loss |a|), or more, up to 1 s. Three other thrusters, any, fire for up to 1 s. A
-fault counts as corrected once its thruster is believed to be within one level of the models of what it is,
-and stays so; a thruster that sticks on is told nothing, and counts once its kind is named.
+test, model comparison in the interval of the alarm, and the believed effectiveness overwritten with what was
+found. An iteration is an interval of 1 s in which the thruster that fails is commanded to fire for as long as
+its loss takes to reach the threshold without noise, or more; three others, any, fire for up to 1 s. A fault
+is corrected once its thruster is believed to be within one level of the models of what it is, and stays so; a
+thruster that sticks on is not commanded, and counts once its kind is identified.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.cells import with_interval
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.detection_study import (
     CONFIDENCE,
     EFFECTIVENESS,
@@ -34,13 +35,30 @@ LEVEL = 0.2  # between models of a loss
 WITHIN, WATCHED = 5, 10  # iterations
 
 
+@reproduces(
+    "E49",
+    lines="chapter 7, L1578",
+    reported="unexpected faults routinely identified and corrected within five iterations",
+    criterion="nearly all named and corrected within five firings that are long enough",
+)
 def five_iterations(effort: Effort) -> Finding:
-    """E49."""
+    """Faults found and corrected within five iterations."""
     flights = flights_of(effort)
     found = {name: _chain(name, flights, seed) for seed, name in enumerate(FAULTS, start=49)}
     detected = {name: _within(one[0]) for name, one in found.items()}
     corrected = {name: _within(one[1]) for name, one in found.items()}
     worst = min(corrected, key=lambda name: corrected[name].value)
+    table = Table.of(
+        "Flights, by iteration",
+        [(name, *those) for name, those in found.items()],
+        {
+            "fault": "{0}",
+            "named at the first": lambda _, named, __: f"{np.mean(named <= 1):.1%}",
+            "named within five (95 %)": lambda name, *_: with_interval(detected[name]),
+            "corrected at the first": lambda _, __, done: f"{np.mean(done <= 1):.1%}",
+            "corrected within five (95 %)": lambda name, *_: with_interval(corrected[name]),
+        },
+    )
     return Finding(
         ours=f"named within five: {min(one.value for one in detected.values()):.2%} at least; corrected "
         f"within five: {corrected['off'].value:.2%} (off), {corrected['stuck on'].value:.2%} (stuck on), "
@@ -53,28 +71,12 @@ def five_iterations(effort: Effort) -> Finding:
             ),
         },
         data={
-            name: {
-                "named at iteration": np.bincount(np.minimum(one[0], WATCHED + 1), minlength=WATCHED + 2)[1:],
-                "corrected at iteration": np.bincount(
-                    np.minimum(one[1], WATCHED + 1), minlength=WATCHED + 2
-                )[1:],
-            }
-            for name, one in found.items()
+            name: {"named at iteration": _counts(named), "corrected at iteration": _counts(done)}
+            for name, (named, done) in found.items()
         },
         note=f"{flights:,} flights of each fault. A loss to a half takes on-times of more than 0.77 s; from "
         "shorter ones it is not seen at all (E36).",
-        tables=(
-            Table(
-                "Flights, by iteration",
-                ("fault", "named at the first", "named within five (95 %)", "corrected at the first",
-                 "corrected within five (95 %)"),
-                tuple(
-                    (name, f"{np.mean(one[0] <= 1):.1%}", _text(detected[name]),
-                     f"{np.mean(one[1] <= 1):.1%}", _text(corrected[name]))
-                    for name, one in found.items()
-                ),
-            ),
-        ),
+        tables=(table,),
     )  # fmt: skip
 
 
@@ -94,8 +96,8 @@ def _chain(name: str, flights: int, seed: int) -> tuple[IntArray, IntArray]:
     done = np.full(flights, WATCHED + 1)
     open_valve = np.zeros(flights, np.bool_)  # believed stuck on
     for iteration in range(1, WATCHED + 1):
-        told, delivered = _firing(rng, thruster, kept, sticks)
-        said = detector.update(told, measure(rng, delivered), 1.0)
+        commanded, delivered = _firing(rng, thruster, kept, sticks)
+        said = detector.update(commanded, measure(rng, delivered), 1.0)
         assert detector.last is not None
         answer = compare(detector.last, said.thruster)
         right = said.thruster == thruster
@@ -115,37 +117,24 @@ def _chain(name: str, flights: int, seed: int) -> tuple[IntArray, IntArray]:
 def _firing(
     rng: np.random.Generator, thruster: IntArray, kept: float, sticks: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """On-times told and delivered, (flights, n), s."""
+    """On-times commanded and delivered, (flights, n), s."""
     flights = len(thruster)
     rows = np.arange(flights)
-    told = random_on_times(rng, (flights,), OPEN - 1)
+    commanded = random_on_times(rng, (flights,), OPEN - 1)
     size = np.linalg.norm(EFFECTIVENESS, axis=0)[thruster - 1]
     if sticks:
-        told[rows, thruster - 1] = 0.0
+        commanded[rows, thruster - 1] = 0.0
     else:
         shortest = np.sqrt(SOURCE_THRESHOLD * SOURCE_MEASUREMENT_NOISE) / ((1.0 - kept) * size)
-        told[rows, thruster - 1] = rng.uniform(np.minimum(shortest, 1.0), 1.0)
-    delivered = told.copy()
-    delivered[rows, thruster - 1] = 1.0 if sticks else kept * told[rows, thruster - 1]
-    return told, delivered
+        commanded[rows, thruster - 1] = rng.uniform(np.minimum(shortest, 1.0), 1.0)
+    delivered = commanded.copy()
+    delivered[rows, thruster - 1] = 1.0 if sticks else kept * commanded[rows, thruster - 1]
+    return commanded, delivered
 
 
 def _within(iterations: IntArray) -> Rate:
     return Rate.of(int((iterations <= WITHIN).sum()), len(iterations), CONFIDENCE)
 
 
-def _text(rate: Rate) -> str:
-    return f"{rate.value:.2%} ({rate.low:.2%} to {rate.high:.2%})"
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E49",
-        title="Faults found and corrected within five iterations",
-        source="Yang 2003",
-        lines="chapter 7, L1578",
-        reported="unexpected faults routinely identified and corrected within five iterations",
-        criterion="nearly all named and corrected within five firings that are long enough",
-        run=five_iterations,
-    ),
-)
+def _counts(iterations: IntArray) -> IntArray:
+    return np.bincount(np.minimum(iterations, WATCHED + 1), minlength=WATCHED + 2)[1:]

@@ -15,8 +15,6 @@ import numpy as np
 from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import load
 
-__all__ = ["LOOP_PERIOD", "SPHERES", "Regulated", "regulate"]
-
 SPHERES = load("spheres")
 LOOP_PERIOD = 0.05
 """s; 20 Hz (L445)."""
@@ -29,19 +27,13 @@ _FARTHEST = 0.5  # m, and rad, at the start
 
 @dataclass(frozen=True)
 class Regulated:
-    """What came of craft that were brought to rest at the origin.
+    """What came of craft that were brought to rest at the origin."""
 
-    Attributes:
-        commands: (steps, craft, 6), rate changes that the controller asked for, m/s then rad/s.
-        deviation: (steps, craft), what was missed of them over what was asked for, in shares of authority.
-        final: (craft, 6), distance on each axis at the end, m then rad.
-        firing_time: (craft,), thruster-seconds.
-    """
-
-    commands: FloatArray
+    commands: FloatArray  # (steps, craft, 6), rate changes that the controller asked for, m/s then rad/s
+    # (steps, craft), what was missed of them over what was asked for, in shares of authority
     deviation: FloatArray
-    final: FloatArray
-    firing_time: FloatArray
+    final: FloatArray  # (craft, 6), distance on each axis at the end, m then rad
+    firing_time: FloatArray  # (craft,), thruster-seconds
 
 
 def regulate(mapper: Mapper, craft: int, seconds: float = 60.0, seed: int = 4) -> Regulated:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
 from reproductions.timing import call_times
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import CONDITIONS, commands
 from reproductions.yang2003.operations import count
 from thruster_baselines.mapping import LPMapper
@@ -26,13 +27,8 @@ def inverse_basis_operations(pivots: Array, flips: Array, axes: int, thrusters: 
     ratios, values, update = 3 * m, 2 * m, m + 2 * m * (m - 1)
     answer = m + 2 * m * n + 2 * (m + n)
     rounds = pivots + flips
-    return np.asarray(
-        m
-        + answer
-        + (multipliers + pricing) * (rounds + 1)
-        + (column + ratios + values) * rounds
-        + update * pivots
-    )
+    each = (multipliers + pricing) * (rounds + 1) + (column + ratios + values) * rounds
+    return np.asarray(m + answer + each + update * pivots)
 
 
 def thruster_tableau_operations(pivots: Array, flips: Array, axes: int, thrusters: int) -> Array:
@@ -116,8 +112,15 @@ def _longest(value: Array, change: Array) -> float:
     return float(min(1.0, np.min(-value[down] / change[down]))) if down.any() else 1.0
 
 
+@reproduces(
+    "E01",
+    lines="Table 2, L434-441",
+    reported="2,200 / 4,200 / 28,000 operations; 0.0122 / 0.0233 / 0.35 s at 200 MHz",
+    criterion="operations about 1 : 1.9 : 12.7, and ours faster than a generic solver; times need not agree",
+    alone=True,
+)
 def effort_of_a_solve(effort: Effort) -> Finding:
-    """E01."""
+    """Effort of a solve: simplex on a tableau, on an inverse basis, and a generic solver."""
     asked = commands("six axes", effort.samples)
     mapper = LPMapper("orion")
     counted = count(mapper, asked)
@@ -139,11 +142,21 @@ def effort_of_a_solve(effort: Effort) -> Finding:
     base = operations[_TABLEAU]
     inverse, generic_ratio = operations[_INVERSE] / base, operations[_GENERIC] / base
     seconds = _seconds(mapper, few[: effort.repetitions])
-    shown = tuple(
-        (name, f"{_REPORTED[name]:,}" if name in _REPORTED else "", f"{value:,.0f}",
-         f"{_REPORTED[name] / _REPORTED[_TABLEAU]:.1f}" if name in _REPORTED else "", f"{value / base:.1f}")
-        for name, value in operations.items()
-    )  # fmt: skip
+
+    def reported(name: str, form: str, over: float = 1.0) -> str:
+        return f"{_REPORTED[name] / over:{form}}" if name in _REPORTED else ""
+
+    table = Table.of(
+        "Operations of a solve, on average",
+        operations,
+        {
+            "method": "{0}",
+            "reported": lambda name, _: reported(name, ",.0f"),
+            "ours": "{1:,.0f}",
+            "reported ratio": lambda name, _: reported(name, ".1f", _REPORTED[_TABLEAU]),
+            "our ratio": lambda _, value: f"{value / base:.1f}",
+        },
+    )
     return Finding(
         ours=f"{base:,.0f} / {operations[_INVERSE]:,.0f} / {operations[_GENERIC]:,.0f} operations, "
         f"1 : {inverse:.1f} : {generic_ratio:.1f}; {1e6 * seconds['ours']:.1f} µs against "
@@ -159,12 +172,7 @@ def effort_of_a_solve(effort: Effort) -> Finding:
         note="The printed program is counted with the pivots that ours makes. The source's generic solver is "
         "Matlab's of its time; here it is Mehrotra's method, whose operations are counted as they are done. "
         "Times are of this machine, through the public call.",
-        tables=(
-            Table(
-                "Operations of a solve, on average",
-                ("method", "reported", "ours", "reported ratio", "our ratio"), shown,
-            ),
-        ),
+        tables=(table,),
     )  # fmt: skip
 
 
@@ -185,8 +193,14 @@ def _seconds(mapper: LPMapper, asked: Array) -> dict[str, float]:
     return {name: float(np.median(call_times(work, asked))) for name, work in works.items()}
 
 
+@reproduces(
+    "E02",
+    lines="section 2.2.5, L420",
+    reported="30 % of the computation time",
+    criterion="a saving of that order in operations, pivot for pivot",
+)
 def tableau_or_inverse(effort: Effort) -> Finding:
-    """E02."""
+    """What the tableau saves over an inverse of the basis."""
     mapper = LPMapper("orion")
     m, n = mapper.effectiveness.shape
     saved = {}
@@ -195,42 +209,16 @@ def tableau_or_inverse(effort: Effort) -> Finding:
         pivots = counted.pivots, counted.flips, m, n
         tableau = thruster_tableau_operations(*pivots).mean()
         saved[condition] = float(1.0 - tableau / inverse_basis_operations(*pivots).mean())
+    table = Table.of(
+        "Operations that the tableau saves over an explicit inverse",
+        saved,
+        {"condition": "{0}", "saved": "{1:.1%}"},
+    )
     return Finding(
         ours=f"{np.mean(list(saved.values())):.0%} fewer operations for the same pivots",
         checks={"a fifth to a half is saved": min(saved.values()) > 0.2 and max(saved.values()) < 0.5},
         data=saved,
         note="Operations in place of time: the two differ in arithmetic alone, and our compiled tableau is "
-        "not "
-        "the source's program.",
-        tables=(
-            Table(
-                "Operations that the tableau saves over an explicit inverse",
-                ("condition", "saved"),
-                tuple((condition, f"{share:.1%}") for condition, share in saved.items()),
-            ),
-        ),
+        "not the source's program.",
+        tables=(table,),
     )
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E01",
-        title="Effort of a solve: simplex on a tableau, on an inverse basis, and a generic solver",
-        source="Yang 2003",
-        lines="Table 2, L434-441",
-        reported="2,200 / 4,200 / 28,000 operations; 0.0122 / 0.0233 / 0.35 s at 200 MHz",
-        criterion="operations about 1 : 1.9 : 12.7, and ours faster than a generic solver; times need not "
-        "agree",
-        run=effort_of_a_solve,
-        alone=True,
-    ),
-    Reproduction(
-        id="E02",
-        title="What the tableau saves over an inverse of the basis",
-        source="Yang 2003",
-        lines="section 2.2.5, L420",
-        reported="30 % of the computation time",
-        criterion="a saving of that order in operations, pivot for pivot",
-        run=tableau_or_inverse,
-    ),
-)

@@ -1,41 +1,30 @@
 """Table 6: how often the plain and the robust linear program are "correct" when thrusters are uncertain.
 
-Three axes and three thrusters, as in the source's worked example; matrix, command and errors are random, and
-the command can be met by the nominal thrusters. Each thruster's column is multiplied by a factor within its
-limits, all its entries together. Sizes of errors are drawn for each problem, uniform up to 10 % (row 3: from
-100 to 200 %).
-
-The source calls a solution correct if none of a number of candidates has a smaller largest error. The
-candidates are the exact solutions of `A_j x = b` for random matrices A_j within the errors; those with a
-negative on-time are left out here. It gives neither their number nor how the error over axes is made into one
-figure, and both matter. So the error is measured in three ways, all at the worst over the thrusters' errors:
-
-    largest       max over axes of the worst error of that axis
-    sum           sum over axes of the worst error of that axis: what the robust program minimises
-    joint         the worst sum over axes: the errors of all axes come from the same matrix
-
-and a solution is compared with 10 to 300 candidates, and with the best of all on-times, by a linear program
-of its own for each measure. The worst is at a corner of the box of factors, as errors are convex in them. The
-plain program is solved for the nominal matrix. The robust one has a slack for each axis, or, beside it, one
-for all (`largest_miss`). A tie counts as correct.
+Three axes and three thrusters; matrix, command and errors are random, and the nominal thrusters can meet the
+command. Each column is multiplied by a factor within its limits, up to 10 % (row 3: 100 to 200 %). A solution
+is correct if none of a number of candidates, exact solutions of `A_j x = b` for random A_j within the errors,
+has a smaller largest error; a tie counts. The source gives neither their number nor the measure, and both
+matter: so the worst error over the box of factors (at a corner of it) is measured as *largest* (the worst
+axis), *sum* (of the worst of each axis, which the robust program minimises) and *joint* (the worst sum),
+against 10 to 300 candidates and the best of all on-times, by a linear program of its own for each measure.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from reproductions.figures import BLUE, GREEN, INK, ORANGE, panels, save
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.cells import interval
+from reproductions.figures import BLUE, GREEN, INK, ORANGE, Figure, panels
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import Result
 from thruster_baselines.mapping import LPMapper, RobustEffectivenessMapper
-from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.protocols import FloatArray
 
 AXES = THRUSTERS = 3
@@ -48,11 +37,8 @@ LONGEST = 1e3  # s: no bound
 FUEL_COST = 1e-9  # per s, beside a slack cost of one: H much larger than c
 CHUNK = 250  # problems at a time
 AGREEMENT = 2.0
-"""Points of per cent by which figures may differ.
-
-The source does not say how many problems it drew; of 200, one standard error near 90 % is two points. Set
-after a first run: to the whole per cent, row 5 has no match.
-"""
+"""Points of per cent by which figures may differ: of 200 problems, one standard error near 90 %. Set after a
+first run: to the whole per cent, row 5 has no match."""
 
 _CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=THRUSTERS)))
 
@@ -70,25 +56,15 @@ def _apart(least: float, most: float) -> Draw:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        what: The kind of errors.
-        least_entry: Of the matrix; entries are uniform from there to one.
-        size: Of the errors upward, as shares: (count, n).
-        symmetric: Whether they are as large downward; else that size is drawn too.
-        plain: Reported for the plain program, in %.
-        robust: Reported for the robust one, in %.
-        lines: Where.
-    """
-
-    what: str
-    least_entry: float
-    size: Draw
-    symmetric: bool
-    plain: int
-    robust: int
-    lines: str
+    what: str  # the kind of errors
+    least_entry: float  # of the matrix; entries are uniform from there to one
+    size: Draw  # of the errors upward, as shares: (count, n)
+    symmetric: bool  # whether they are as large downward; else that size is drawn too
+    plain: int  # Reported for the plain program, in %
+    robust: int  # Reported for the robust one, in %
+    lines: str  # where
 
 
 ROWS = {
@@ -102,17 +78,11 @@ ROWS = {
 
 @dataclass(frozen=True)
 class Correct:
-    """How often each program was correct.
+    """How often each program was correct."""
 
-    Attributes:
-        count: Problems.
-        of_candidates: (programs, measures, numbers of candidates), shares.
-        of_all: (programs, measures), compared with the best of all on-times.
-    """
-
-    count: int
-    of_candidates: FloatArray
-    of_all: FloatArray
+    count: int  # problems
+    of_candidates: FloatArray  # (programs, measures, numbers of candidates), shares
+    of_all: FloatArray  # (programs, measures), compared with the best of all on-times
 
     def both(self, program: str, measure: str) -> FloatArray:
         """The shares of one program by one measure: for each number of candidates, then for all on-times."""
@@ -168,13 +138,9 @@ def _judge(row: Row, rng: np.random.Generator, count: int) -> tuple[NDArray[np.i
 def errors(
     matrices: FloatArray, commands: FloatArray, corners: FloatArray, on_times: FloatArray
 ) -> FloatArray:
-    """The three measures of on-times, (problems, tries, 3).
+    """The three measures of on-times (problems, tries, n): (problems, tries, 3).
 
-    Args:
-        matrices: (problems, axes, n).
-        commands: (problems, axes).
-        corners: (problems, corners, n), factors of the columns.
-        on_times: (problems, tries, n).
+    Of matrices (problems, axes, n), commands (problems, axes) and factors of columns (problems, corners, n).
     """
     scaled = corners[:, np.newaxis] * on_times[:, :, np.newaxis]
     missed = np.abs(scaled @ matrices.transpose(0, 2, 1)[:, np.newaxis] - commands[:, np.newaxis, np.newaxis])
@@ -185,21 +151,15 @@ def errors(
 def _fire(matrix: FloatArray, command: FloatArray, above: FloatArray, below: FloatArray) -> FloatArray:
     """On-times (programs, n) of the three programs."""
     ends = matrix * (1.0 - below), matrix * (1.0 + above)
-    plain = LPMapper(matrix, LONGEST, FUEL_COST, 1.0)
-    robust = [
+    limits = {"lower": np.minimum(*ends), "upper": np.maximum(*ends)}
+    mappers = [LPMapper(matrix, LONGEST, FUEL_COST, 1.0)] + [
+        # beyond 100 % it is better to fire nothing
         RobustEffectivenessMapper(
-            matrix,
-            LONGEST,
-            FUEL_COST,
-            1.0,
-            lower=np.minimum(*ends),
-            upper=np.maximum(*ends),
-            largest_miss=largest_miss,
-            fuel_may_win=True,  # beyond 100 % it is better to fire nothing
+            matrix, LONGEST, FUEL_COST, 1.0, **limits, largest_miss=largest_miss, fuel_may_win=True
         )
         for largest_miss in (False, True)
     ]
-    return np.array([mapper(command).on_times for mapper in (plain, *robust)])
+    return np.array([mapper(command).on_times for mapper in mappers])
 
 
 def least_joint_error(matrix: FloatArray, command: FloatArray, corners: FloatArray) -> float:
@@ -215,16 +175,13 @@ def least_joint_error(matrix: FloatArray, command: FloatArray, corners: FloatArr
     target = np.tile(command, count)
     answer = linprog(
         np.append(np.zeros(THRUSTERS + len(rows)), 1.0),
-        A_ub=np.block(
-            [
-                [rows, -one, none],
-                [-rows, -one, none],
-                [np.zeros((count, THRUSTERS)), sums, -np.ones((count, 1))],
-            ]
-        ),
+        A_ub=np.block([
+            [rows, -one, none], [-rows, -one, none],
+            [np.zeros((count, THRUSTERS)), sums, -np.ones((count, 1))],
+        ]),
         b_ub=np.concatenate([target, -target, np.zeros(count)]),
         options={"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
-    )
+    )  # fmt: skip
     return float(answer.fun)
 
 
@@ -236,10 +193,8 @@ def run(name: str, effort: Effort) -> Finding:
         (found.both(program, "sum")[-1], found.both(program, "joint")[-1]) for program in PROGRAMS[:2]
     )
     return Finding(
-        ours=(
-            f"by the sum of worst errors, against all on-times: plain {percent(plain[0])} %, robust "
-            f"{percent(robust[0])} %; by the joint worst error {percent(plain[1])} and {percent(robust[1])} %"
-        ),
+        ours=f"by the sum of worst errors, against all on-times: plain {percent(plain[0])} %, robust "
+        f"{percent(robust[0])} %; by the joint worst error {percent(plain[1])} and {percent(robust[1])} %",
         checks=CHECKS[name](found, row),
         not_reproducible=(
             ""
@@ -258,15 +213,12 @@ def run(name: str, effort: Effort) -> Finding:
             "problems": found.count,
         },
         tables=(_table(found, row),),
-        figure=partial(draw, found=found, row=row),
+        figure=partial(_draw, found, row),
     )
 
 
 def _exact(found: Correct, row: Row) -> dict[str, bool]:
-    """Rows whose figures are 0 or 100: against all on-times, by the measures that go axis by axis.
-
-    To the whole per cent that the source prints: a problem whose errors happen to be symmetric is a tie.
-    """
+    """Rows whose figures are 0 or 100: against all on-times, by axis, to the whole per cent of the source."""
     pairs = (("plain", "sum"), ("plain", "largest"), ("robust", "sum"), ("robust, one slack", "largest"))
     figures = [round(100.0 * found.both(*pair)[-1]) for pair in pairs]
     return {
@@ -278,12 +230,12 @@ def _exact(found: Correct, row: Row) -> dict[str, bool]:
 def _different(found: Correct, row: Row) -> dict[str, bool]:
     low, high = found.range("plain")
     return {
-        "robust: 100 % by the sum, against candidates and against all on-times": bool(
-            (found.both("robust", "sum") == 1.0).all()
-        ),
-        "robust with one slack: 100 % by the largest": bool(
-            (found.both("robust, one slack", "largest") == 1.0).all()
-        ),
+        "robust: 100 % by the sum, against candidates and against all on-times": (
+            found.both("robust", "sum") == 1.0
+        ).all(),
+        "robust with one slack: 100 % by the largest": (
+            found.both("robust, one slack", "largest") == 1.0
+        ).all(),
         f"plain: the {row.plain} % are between the figures of the measures": low <= row.plain / 100 <= high,
     }
 
@@ -292,26 +244,20 @@ def _both_signs(found: Correct, row: Row) -> dict[str, bool]:
     plain, robust = found.both("plain", "joint"), found.both("robust", "joint")
     noise = 2.0 * np.sqrt(0.25 / found.count)
     return {
-        "robust: no worse than plain by the sum": bool(
-            (found.both("robust", "sum") >= found.both("plain", "sum")).all()
-        ),
-        "robust: below 100 % by the joint worst error": bool((robust < 1.0).all()),
-        f"{row.plain} and {row.robust} % are between the figures for 10 and for 300 candidates": bool(
+        "robust: no worse than plain by the sum": (
+            found.both("robust", "sum") >= found.both("plain", "sum")
+        ).all(),
+        "robust: below 100 % by the joint worst error": (robust < 1.0).all(),
+        f"{row.plain} and {row.robust} % are between the figures for 10 and for 300 candidates": (
             plain[-2] <= row.plain / 100 <= plain[0] and robust[-2] <= row.robust / 100 <= robust[0]
         ),
-        "robust and plain are within 5 % of each other there, as reported": bool(
+        "robust and plain are within 5 % of each other there, as reported": (
             np.abs(robust - plain)[:-1].max() <= 0.05 + noise
         ),
     }
 
 
-CHECKS: dict[str, Callable[[Correct, Row], dict[str, bool]]] = {
-    "E19a": _exact,
-    "E19b": _exact,
-    "E19c": _exact,
-    "E19d": _different,
-    "E19e": _both_signs,
-}
+CHECKS = {"E19a": _exact, "E19b": _exact, "E19c": _exact, "E19d": _different, "E19e": _both_signs}
 
 
 def matches(found: Correct, row: Row) -> list[str]:
@@ -370,20 +316,13 @@ def percent(share: float) -> str:
 
 
 def _with_interval(share: float, count: int) -> str:
-    low, high = clopper_pearson(round(share * count), count)
-    return f"{percent(share)} ({100.0 * low:.1f} to {100.0 * high:.1f})"
+    return f"{percent(share)} ({interval(round(share * count), count)})"
 
 
-def draw(path: Path, found: Correct, row: Row) -> None:
-    """How often the plain and the robust program are correct, by measure and by what they are compared with.
-
-    Args:
-        path: Of the PNG.
-        found: What is drawn.
-        row: With what was reported.
-    """
+def _draw(found: Correct, row: Row) -> Figure:
+    """How often both programs are correct, by measure and by what they are compared with."""
     figure, both = panels(2, height=3.9)
-    names: Sequence[str] = (*(str(number) for number in CANDIDATES), "all")
+    names = [*map(str, CANDIDATES), "all"]
     for axes, program, reported in zip(both, PROGRAMS[:2], (row.plain, row.robust), strict=True):
         for measure, colour, marker in zip(MEASURES, (BLUE, ORANGE, GREEN), "os^", strict=True):
             shares = 100.0 * found.both(program, measure)
@@ -391,18 +330,17 @@ def draw(path: Path, found: Correct, row: Row) -> None:
             axes.plot(names[-1:], shares[-1:], marker, color=colour)
         axes.axhline(reported, color=INK, linestyle="--", linewidth=1.0)
         axes.set(ylim=(-5.0, 105.0), xlabel="compared with so many candidates, or all")
-        axes.set_title(f"{program} program (dashed: reported, {reported} %)")
+        axes.set(title=f"{program} program (dashed: reported, {reported} %)")
     both[0].set_ylabel("correct, %")
     both[1].legend(title="worst error", loc="lower left")
     figure.suptitle(f"Errors {row.what}", color=INK, fontsize=10.5)
-    save(figure, path)
+    return figure
 
 
 REPRODUCTIONS = tuple(
-    Reproduction(
+    Result(
         id=name,
         title=f"Plain and robust program with uncertain thrusters: {row.what}",
-        source="Yang 2003",
         lines=f"{row.lines}, Table 6",
         reported=f"correct: plain {row.plain} %, robust {row.robust} %",
         criterion=criterion,

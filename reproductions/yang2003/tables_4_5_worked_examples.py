@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from reproductions.record import Effort, Finding, Reproduction, Table
+from reproductions.record import Effort, Finding, Table
+from reproductions.yang2003 import reproduces
 from reproductions.yang2003.coupling_study import LOSS
 from thruster_baselines.mapping import AdditiveCompensationMapper, DifferentialCompensationMapper
 from thruster_envs.spacecraft import load
@@ -62,37 +63,24 @@ def _vector(values: tuple[float, ...] | Array) -> str:
     return "[" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 6)) + "]"
 
 
+@reproduces(
+    "E07",
+    lines="Table 4, L501-508",
+    reported="two rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], then [4.97, 1, 1, 0, -0.03, 0.03]",
+    criterion="both rounds to 0.01, on either of the two equally cheap vertices",
+)
 def method_one(effort: Effort) -> Finding:
-    """E07."""
-    del effort
+    """Method I on the command [5, 1, 1, 0, 0, 0]."""
     return _follow(TABLE_4, DifferentialCompensationMapper)
 
 
-def method_two(effort: Effort) -> Finding:
-    """E08."""
-    del effort
-    return _follow(TABLE_5, AdditiveCompensationMapper)
-
-
-REPRODUCTIONS = (
-    Reproduction(
-        id="E07",
-        title="Method I on the command [5, 1, 1, 0, 0, 0]",
-        source="Yang 2003",
-        lines="Table 4, L501-508",
-        reported="two rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], then [4.97, 1, 1, 0, -0.03, 0.03]",
-        criterion="both rounds to 0.01, on either of the two equally cheap vertices",
-        run=method_one,
-    ),
-    Reproduction(
-        id="E08",
-        title="Method II on the command [5, 1, 1, 0, 0, 0]",
-        source="Yang 2003",
-        lines="Table 5, L541-551",
-        reported="three rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], [4.928, 0.9676, 0.9676, 0, -0.033, "
-        "0.033], "
-        "[4.99, 0.99, 0.99, 0, -0.01, 0.01]",
-        criterion="all three rounds to 0.01, on either of the two equally cheap vertices",
-        run=method_two,
-    ),
+@reproduces(
+    "E08",
+    lines="Table 5, L541-551",
+    reported="three rounds: [4.52, 0.82, 0.82, 0, -0.18, 0.18], [4.928, 0.9676, 0.9676, 0, -0.033, 0.033], "
+    "[4.99, 0.99, 0.99, 0, -0.01, 0.01]",
+    criterion="all three rounds to 0.01, on either of the two equally cheap vertices",
 )
+def method_two(effort: Effort) -> Finding:
+    """Method II on the command [5, 1, 1, 0, 0, 0]."""
+    return _follow(TABLE_5, AdditiveCompensationMapper)

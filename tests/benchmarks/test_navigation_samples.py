@@ -14,7 +14,7 @@ from benchmarks.navigation import (
     detector,
     samples_of,
 )
-from reproductions.fonod2013.approach_flights import fly
+from thruster_baselines.detection.approach_flights import fly
 from thruster_baselines.mapping.simplex import PARALLEL_FROM
 
 

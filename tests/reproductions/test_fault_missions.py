@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from reproductions.yang2003.fault_flights import fly_with_dead_thruster
 from reproductions.yang2003.fault_mission import DEGRADED, LOST, TWO_LOST, Failure, fly, shares
-from reproductions.yang2003.fault_mission_attitude import fly_with_attitude
 from reproductions.yang2003.section_6_1_planned_trajectory import two_impulses
 from reproductions.yang2003.section_6_3_coupling_in_flight import ORION, PERIOD, START, STEPS, plan
 from thruster_baselines.guidance import force_response, transition_matrix
@@ -53,7 +53,7 @@ def test_a_failure_begins_with_its_period():
 
 
 def test_a_diagnosis_is_right_at_the_first_second_and_spends_what_a_pilot_that_is_told_does():
-    flight, told = fly(LOST, diagnosis=True), fly(LOST, told=True)
+    flight, told = fly(LOST, diagnosis=True), fly(LOST, known=True)
     (found,) = flight.found
     assert (found.period, found.second, found.thruster, found.kind, found.since) == (5, 1, 1, "stuck_off", 1)
     assert flight.miss < 1e-6
@@ -97,7 +97,7 @@ def test_feedback_plans_anew_only_when_it_is_off():
 
 def test_with_attitude_a_dead_thruster_shows_in_what_is_fired():
     told, blind = (
-        fly_with_attitude(pilot, VALIDATION[:1], thruster=1, onset=0.0, orbits=0.02)
+        fly_with_dead_thruster(pilot, VALIDATION[:1], thruster=1, onset=0.0, orbits=0.02)
         for pilot in ("oracle", "blind")
     )
     assert told.spent.shape == blind.spent.shape

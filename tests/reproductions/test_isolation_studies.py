@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reproductions.fonod2013.approach_flights import NO_ERRORS, fly
+from reproductions.cells import median
 from reproductions.fonod2013.fig_3_time_histories import history
 from reproductions.fonod2013.impossible_decoupling import _independent_rows, _ratio_errors
 from reproductions.fonod2013.isolation_study import Isolation, correlation, watched
 from reproductions.fonod2013.other_pilots import fixed_bias, law, minimum_fuel, stopping
-from reproductions.fonod2013.robustness import _median, _medians
+from reproductions.fonod2013.robustness import _medians
 from reproductions.fonod2013.worth_of_the_delay_model import DESIGNS, _noise, _silent
 from thruster_baselines.control import ApproachController, ApproachSettings
+from thruster_baselines.detection.approach_flights import NO_ERRORS, fly
 from thruster_baselines.detection.residuals import (
     CorrelationDetector,
     ResidualGenerator,
@@ -109,10 +110,10 @@ def test_medians_leave_out_who_alarmed_before_the_fault_and_count_wrong_names_as
 
 
 def test_a_median_that_fewer_than_half_have_is_never():
-    assert _median(np.array([1.0, np.inf, 3.0])) == 3.0
-    assert _median(np.array([1.0, np.inf])) == 1.0
-    assert _median(np.array([1.0, np.inf, np.inf])) == np.inf
-    assert _median(np.array([])) == np.inf
+    assert median(np.array([1.0, np.inf, 3.0])) == 3.0
+    assert median(np.array([1.0, np.inf])) == 1.0
+    assert median(np.array([1.0, np.inf, np.inf])) == np.inf
+    assert median(np.array([])) == np.inf
 
 
 @pytest.mark.parametrize("name", DESIGNS)

@@ -47,10 +47,10 @@ def test_on_branch_b_from_the_start_only_its_own_faults_are_met():
     assert all(one.end == "captured" for one in alone)
     assert all(np.isinf(one.onset) for one in alone)
     either = fly(AT_ONCE, seeds, THRESHOLDS, either_branch=True)
-    struck = [one for one in either if np.isfinite(one.onset)]
-    assert all(one.thruster > 8 for one in struck)
-    assert {one.end for one in either if one not in struck} == {"captured"}
-    assert any(one.end == "missed or lost" for one in struck)
+    affected = [one for one in either if np.isfinite(one.onset)]
+    assert all(one.thruster > 8 for one in affected)
+    assert {one.end for one in either if one not in affected} == {"captured"}
+    assert any(one.end == "missed or lost" for one in affected)
 
 
 def test_nothing_is_found_where_nothing_fails():

@@ -11,6 +11,7 @@ import pytest
 
 from reproductions import registry
 from reproductions.__main__ import RESULTS, main
+from reproductions.figures import panels
 from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
 from reproductions.registry import chosen, find_all, fingerprint, order
 from reproductions.results import entry_of, merge, read, render
@@ -27,7 +28,7 @@ def toy(name: str = "T1", holds: bool = True, **more: object) -> Reproduction:
             checks={"it holds": holds},
             data={"samples": np.int64(effort.samples), "rates": np.array([0.5])},
             tables=(Table("A | B", ("a", "b"), (("1|2", "3"),)),),
-            figure=lambda path: path.write_bytes(b"a picture"),
+            figure=lambda: panels()[0],
             **more,
         )
 
@@ -107,6 +108,12 @@ def test_a_finding_without_a_check_is_refused():
         Finding(ours="7", checks={}, data={})
 
 
+def test_a_table_of_items_has_a_row_for_each_and_a_column_for_each_heading():
+    made = Table.of("Sizes", {"a": 1.5, "b": 2.0}, {"": "{0}", "twice": lambda _, size: f"{2 * size:g}"})
+    assert made == Table("Sizes", ("", "twice"), (("a", "3"), ("b", "4")))
+    assert made == Table("Sizes", ["", "twice"], ([name, twice] for name, twice in made.rows))
+
+
 def test_a_table_with_a_cell_too_few_is_refused():
     with pytest.raises(ValueError, match="row 2 of 'Rates' has 1 cells; 2 would be right"):
         Table("Rates", ("a", "b"), (("1", "2"), ("3",)))
@@ -123,7 +130,7 @@ def test_running_one_replaces_its_entry_and_keeps_the_others(tmp_path):
     assert "2 results: 1 not reproduced, 1 reproduced." in page
     assert "**not reproduced**: it holds" in page
     assert "| 1\\|2 | 3 |" in page
-    assert (tmp_path / "reproductions" / "T10.png").read_bytes() == b"a picture"
+    assert (tmp_path / "reproductions" / "T10.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_resuming_runs_what_is_missing_changed_or_broke_off(tmp_path, capsys):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from reproductions.fonod2013.approach_flights import HEALTHY_DURATION, ONSET, fly
+from thruster_baselines.detection.approach_flights import HEALTHY_DURATION, ONSET, fly
 from thruster_baselines.detection.residuals import CorrelationDetector, NormThreshold, margin_threshold, watch
 from thruster_envs.seeds import VALIDATION
 

@@ -1,11 +1,10 @@
-"""Approaches of `MarsRendezvous-v0` for detectors to look at: many at once, with one fault each or none.
+"""Approaches of `MarsRendezvous-v0` for navigation detectors: many side by side, with one fault each or none.
 
 Nobody acts on a diagnosis. What is kept is what navigation measures at each sample and what the valves are
-told for the period that begins with it, both as observations have them: a sample is seen `navigation_delay`
-periods later, so delays count from the measurement, not from its arrival. Commands shorter than the
-minimum on-time count as none, since the valves stay shut. By default the environment's own pilot flies, which
-knows of no fault; its law needs the state of its filter, which the environment hands through. Whoever else is
-to fly does so by observations. Numbers are of MSR-A, ours: the source withholds those of its vehicle.
+commanded for the period that begins with it, both as observations have them: a sample is seen
+`navigation_delay` periods later, so delays count from the measurement, not from its arrival. Commands shorter
+than the minimum on-time count as none, since the valves stay shut. By default the environment's own pilot
+flies, whose law needs the state of its filter; any other pilot flies by observations.
 
 Left out: flights that end early, and measurements at the end of an observation's range.
 """
@@ -27,18 +26,18 @@ from thruster_envs import rollout
 from thruster_envs.faults import FaultDistribution
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["HEALTHY_DURATION", "NO_ERRORS", "ONSET", "STRUCK_DURATION", "Pilot", "fly"]
+__all__ = ["FAULTY_DURATION", "HEALTHY_DURATION", "NO_ERRORS", "ONSET", "Pilot", "fly"]
 
 ONSET = (60.0, 60.09)
 """When faults begin, s: off the sample grid."""
-STRUCK_DURATION, HEALTHY_DURATION = 80.0, 160.0
+FAULTY_DURATION, HEALTHY_DURATION = 80.0, 160.0
 """s."""
 
 NO_ERRORS = dict.fromkeys(("mass_error", "inertia_error", "thrust_error", "centre_of_mass_error"), 0.0)
 """Settings of an environment whose chaser is what the description says."""
 
 Pilot: TypeAlias = Callable[[Spacecraft, int], Policy]
-"""Makes who flies, for a spacecraft and the periods of an episode."""
+"""Makes the policy that flies, for a spacecraft and the number of periods of an episode."""
 
 
 def fly(
@@ -49,15 +48,18 @@ def fly(
     pilot: Pilot | None = None,
     **settings: Any,
 ) -> NavigationFlights:
-    """One flight per seed, in which this thruster, from 1, fails in this way; healthy ones with 0.
+    """One flight for each seed, in which one thruster fails in one way, at a time drawn from `ONSET`.
 
     Args:
-        seeds: Of the episodes.
-        thruster: From 1.
-        kind: Of the fault.
-        severity: Of the fault.
-        pilot: Who flies; by default the environment's own.
-        settings: Of the environment.
+        seeds: Seeds of the episodes.
+        thruster: Thruster that fails, from 1; 0 for healthy flights.
+        kind: Kind of the fault.
+        severity: Severity of the fault.
+        pilot: Pilot that flies; by default the environment's own.
+        settings: Settings of the environment.
+
+    Raises:
+        RuntimeError: A flight ended before it had all samples.
     """
     count, healthy = len(seeds), thruster == 0
     faults = FaultDistribution(probability=0.0)
@@ -75,7 +77,7 @@ def fly(
     period, n = vehicle.control_period, vehicle.number_of_thrusters
     minimum = np.array([one.minimum_pulse for one in vehicle.thrusters]) / period
     reader = ApproachController(vehicle, task.steps, distance=task.distance)
-    samples = round((HEALTHY_DURATION if healthy else STRUCK_DURATION) / period)
+    samples = round((HEALTHY_DURATION if healthy else FAULTY_DURATION) / period)
 
     def own_pilot(_observations: Any) -> Any:
         return task.pilot_actions(worlds.state)[:, 0].astype(np.float32)
@@ -93,9 +95,10 @@ def fly(
     rows = seen[:, late : late + samples].astype(np.float64).reshape(-1, seen.shape[-1])
     attitude, rate = reader.attitude(rows)
     rates = reader.open_rates_told(seen[:, 1 : 1 + samples].reshape(rows.shape))
-    told = np.where(rates < minimum, 0.0, rates).astype(np.float64)
+    commanded = np.where(rates < minimum, 0.0, rates).astype(np.float64)
+    values = (commanded, reader.position(rows), attitude, rate)
+    open_rates, position, attitude, rate = (one.reshape(count, samples, -1) for one in values)
     return NavigationFlights(
-        *(one.reshape(count, samples, -1) for one in (told, reader.position(rows), attitude, rate)),
-        period,
+        open_rates, position, attitude, rate, period,
         **truth_of(faults_of(faults, n, seeds, not healthy)),
-    )
+    )  # fmt: skip
