@@ -36,10 +36,12 @@ def drawn(
     slots: int = 4,
     episode: int = 0,
     first_seed: int = 0,
+    wheels: int = 3,
+    gyros: int = 2,
     **law: object,
 ) -> list[list[Fault]]:
     """The faults of each world."""
-    table = FaultDistribution(**law).encode(THRUSTERS, craft)
+    table = FaultDistribution(**law).encode(THRUSTERS, craft, wheels=wheels, gyros=gyros)
     rows = np.full((worlds, craft, slots, len(FAULT_FIELDS)), 7.0)
     draw_all(rows, table, THRUSTERS, episode, np.arange(first_seed, first_seed + worlds, dtype=np.uint64))
     return [decode(one) for one in rows]
@@ -258,3 +260,22 @@ def test_severities_of_sensors_are_uniform_over_their_ranges(sensor):
             assert set(values) == {low}
         else:
             assert_uniform(values, low, high)
+
+
+def test_wheels_and_gyros_fail_by_their_own_numbers():
+    kinds = ("stuck_off", "wheel_torque_loss", "wheel_stuck", "gimbal_lock")
+    faults = every(drawn(probability=1.0, kinds=kinds, wheels=3, gyros=2))
+    shares = {("stuck_off", k): 0.25 / THRUSTERS for k in range(1, THRUSTERS + 1)}
+    shares |= {(kind, k): 0.25 / 3.0 for kind in kinds[1:3] for k in (1, 2, 3)}
+    shares |= {("gimbal_lock", k): 0.25 / 2.0 for k in (1, 2)}
+    assert_shares([(fault.kind, fault.thruster) for fault in faults], shares)
+
+
+def test_no_wheel_fails_twice_while_a_thruster_of_its_number_may():
+    law = {"probability": 1.0, "kinds": ("stuck_off", "wheel_stuck"), "count": (4, 4)}
+    for faults in drawn(worlds=500, wheels=2, **law):
+        pairs = [(fault.kind, fault.thruster) for fault in faults]
+        assert len(set(pairs)) == len(pairs)
+        assert sum(kind == "wheel_stuck" for kind, _ in pairs) <= 2
+    with pytest.raises(ValueError, match="at most 2, the actuators that may fail"):
+        FaultDistribution(kinds=("wheel_stuck",), count=(3, 3)).encode(THRUSTERS, wheels=2)

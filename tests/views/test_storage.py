@@ -6,7 +6,7 @@ import pytest
 
 from thruster_baselines.mapping import LPMapper
 from thruster_envs import formation_keeping_v0
-from thruster_envs.faults import FaultDistribution
+from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 from thruster_envs.views import MapperAction
 
@@ -75,15 +75,23 @@ def test_a_task_without_them_refuses_in_one_line(task):
         gym.make(f"thruster_envs/{task}-v0", spacecraft=EQUIPPED)
 
 
-def test_mappers_and_distributions_refuse_them_in_one_line():
+def test_mappers_refuse_them_in_one_line():
     env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED)
     with pytest.raises(ValueError, match="an action through a mapper, got 'orion' with 2 of them"):
         MapperAction(env, LPMapper(EQUIPPED, max_on_time=5.0))
-    with pytest.raises(ValueError, match="must be of thrusters, got 'wheel_stuck'"):
-        gym.make(
-            "thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED,
-            faults=FaultDistribution(kinds=("wheel_stuck",)),
-        ).reset(seed=1)  # fmt: skip
+
+
+def test_distributions_draw_faults_of_wheels_and_gyros_where_there_are_any():
+    law = FaultDistribution(probability=1.0, kinds=("loss", "wheel_stuck", "gimbal_lock"))
+    envs = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=64, spacecraft=EQUIPPED, faults=law)
+    _, infos = envs.reset(seed=1)
+    kinds = infos["fault"]["kind"][:, 0]
+    assert set(kinds) == {1 + KINDS.index(kind) for kind in law.kinds}
+    stored = kinds != 1 + KINDS.index("loss")
+    assert (infos["fault"]["thruster"][stored, 0] == 1).all()  # it has one of each
+    assert infos["fault"]["active"][:, 0].all()
+    with pytest.raises(ValueError, match="kind 'gimbal_lock' has no meaning here"):
+        gym.make("thruster_envs/OrionRendezvous-v0", faults=law).reset(seed=1)
 
 
 def test_a_fault_of_a_wheel_stands_in_info_by_its_own_number():

@@ -3,8 +3,9 @@
 With the given probability a world draws a number of faults, uniform over `count`. Each of them draws,
 independently of the others, its craft (uniform), its kind (by weight), its severity, onset, duration,
 profile time and dwell (uniform over their ranges), its profile (uniform over `profiles`; the kind
-`intermittent` has its own), its azimuth (uniform over the circle) and its thruster (uniform over those of
-its craft that have no fault yet). Either all faults or none strike all thrusters on the same capacitor.
+`intermittent` has its own), its azimuth (uniform over the circle) and its thruster, or by its kind its
+reaction wheel or control-moment gyro (uniform over those of its craft that have no fault yet). Either all
+faults or none strike all thrusters on the same capacitor.
 Independently of that, with the probability `sensor_probability` it draws a number of faults of sensors,
 uniform over `sensor_count`, each with its craft, sensor, axis, kind and severity; onset, duration, profile,
 profile time and dwell are drawn from the same ranges. The draws themselves are made by the environments, from
@@ -28,9 +29,11 @@ from thruster_envs.configuration import coerce_fields, from_mapping, require, sh
 from thruster_envs.faults.kinds import (
     DEFAULT_SEVERITY,
     GENERAL_KINDS,
+    GYRO_KINDS,
     KINDS,
     SENSOR_KINDS,
     SENSORS,
+    WHEEL_KINDS,
     Range,
     check_kind,
     check_sensor,
@@ -71,9 +74,9 @@ AXIS_CUMULATIVE = SENSOR_CUMULATIVE + len(SENSORS)  # one per axis, that for all
 SENSOR_KIND_CUMULATIVE = AXIS_CUMULATIVE + 4  # one per kind of a sensor
 SENSOR_SEVERITY_LOW = SENSOR_KIND_CUMULATIVE + len(SENSOR_KINDS)  # sensor by sensor, one per kind
 SENSOR_SEVERITY_WIDTH = SENSOR_SEVERITY_LOW + len(SENSORS) * len(SENSOR_KINDS)  # the same
-NUMBER_OF_CHOICES = SENSOR_SEVERITY_WIDTH + len(SENSORS) * len(
-    SENSOR_KINDS
-)  # thrusters that may fail; 0: all
+WHEELS = SENSOR_SEVERITY_WIDTH + len(SENSORS) * len(SENSOR_KINDS)  # of each craft, and
+GYROS = WHEELS + 1
+NUMBER_OF_CHOICES = GYROS + 1  # thrusters that may fail; 0: all
 FIRST_CHOICE = NUMBER_OF_CHOICES + 1  # their indices, from 0
 
 
@@ -94,6 +97,7 @@ class FaultDistribution:
         profile_time: Range, s.
         dwell: Range of the share of each period during which an intermittent profile is on.
         thrusters: Numbers, from 1, of the thrusters that may fail; None for all that are in use at the start.
+            All wheels and gyros may, where `kinds` has a kind of theirs.
         onset_grid: Onsets are rounded down to multiples of this, s; 0 leaves them as they are drawn.
         shared: Whether each fault strikes all thrusters that share a capacitor with the one drawn.
         sensor_probability: That a world draws any faults of sensors, whatever its thrusters do.
@@ -180,6 +184,8 @@ class FaultDistribution:
         number_of_craft: int = 1,
         *,
         spare: int = 0,
+        wheels: int = 0,
+        gyros: int = 0,
         sensors: tuple[str, ...] = SENSORS,
     ) -> NDArray[np.float64]:
         """The distribution as a flat table, which a compiled kernel draws from.
@@ -189,6 +195,8 @@ class FaultDistribution:
             number_of_craft: In the world.
             spare: Thrusters of each craft's spare branch, whose numbers go on after the others; they fail
                 where they are listed.
+            wheels: Reaction wheels of each craft.
+            gyros: Control-moment gyros of each craft.
             sensors: Those that measure, in the order of their codes.
 
         Returns:
@@ -207,10 +215,15 @@ class FaultDistribution:
                     thruster,
                     f"a number from 1 to {number_of_thrusters + spare}",
                 )
-            most = number_of_craft * (len(choices) or number_of_thrusters)
-            require(
-                self.count[1] <= most, "count", self.count, f"at most {most}, the thrusters that may fail,"
+            kinds = self.kind_weights().keys()
+            of_wheels, of_gyros = kinds & {*WHEEL_KINDS}, kinds & {*GYRO_KINDS}
+            most = number_of_craft * (
+                (len(choices) or number_of_thrusters) * bool(kinds - of_wheels - of_gyros)
+                + wheels * bool(of_wheels)
+                + gyros * bool(of_gyros)
             )
+            whose = "actuators" if of_wheels or of_gyros else "thrusters"
+            require(self.count[1] <= most, "count", self.count, f"at most {most}, the {whose} that may fail,")
         table = np.zeros(FIRST_CHOICE + len(choices))
         table[PROBABILITY] = self.probability
         table[ONSET_GRID], table[SHARED] = self.onset_grid, self.shared
@@ -232,7 +245,7 @@ class FaultDistribution:
         )
         if self.sensor_probability > 0.0:
             self._encode_sensors(table, sensors)
-        table[NUMBER_OF_CHOICES] = len(choices)
+        table[WHEELS], table[GYROS], table[NUMBER_OF_CHOICES] = wheels, gyros, len(choices)
         table[FIRST_CHOICE:] = np.array(choices, dtype=np.float64) - 1.0
         return table
 

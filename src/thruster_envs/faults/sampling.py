@@ -36,12 +36,12 @@ def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
         for number in range(count):
             _uniforms(uniform, number + 1, FAULTS, episode, key_low, key_high)
             craft = int(uniform[0] * rows.shape[0])
-            thruster = _thruster(rows, distribution, thrusters, craft, used[craft], uniform[1])
+            kind = _choice(distribution, table.KIND_CUMULATIVE, _KINDS, uniform[2])
+            thruster = _actuator(rows, distribution, thrusters, kind + 1, craft, used[craft], uniform[1])
             if thruster < 0 or used[craft] == rows.shape[1]:
                 continue
             row = rows[craft, used[craft]]
             used[craft] += 1
-            kind = _choice(distribution, table.KIND_CUMULATIVE, _KINDS, uniform[2])
             row[code.FIELD_KIND] = kind + 1.0
             row[code.FIELD_THRUSTER] = thruster
             row[code.FIELD_SEVERITY] = (
@@ -136,17 +136,39 @@ def _choice(distribution, first, length, uniform):
 
 
 @njit
-def _thruster(rows, distribution, thrusters, craft, used, uniform):
-    """Index of a thruster that may fail and has no fault yet, all equally likely; -1 if there is none."""
-    listed = int(distribution[table.NUMBER_OF_CHOICES])
-    candidates = np.empty(max(listed, thrusters), np.int64)
+def _actuator(rows, distribution, thrusters, kind, craft, used, uniform):
+    """Index of an actuator that may have that kind of fault and has none yet, all equally likely.
+
+    -1 if there is none.
+    """
+    own, listed, number = _own(kind), 0, thrusters
+    if own == _WHEEL:
+        number = int(distribution[table.WHEELS])
+    elif own == _GYRO:
+        number = int(distribution[table.GYROS])
+    else:
+        listed = int(distribution[table.NUMBER_OF_CHOICES])
+        number = listed if listed > 0 else thrusters
+    candidates = np.empty(max(number, 1), np.int64)
     free = 0
-    for k in range(listed if listed > 0 else thrusters):
-        thruster = int(distribution[table.FIRST_CHOICE + k]) if listed > 0 else k
+    for k in range(number):
+        actuator = int(distribution[table.FIRST_CHOICE + k]) if listed > 0 else k
         taken = False
         for slot in range(used):
-            taken |= rows[craft, slot, code.FIELD_THRUSTER] == thruster
+            same = _own(rows[craft, slot, code.FIELD_KIND]) == own
+            taken |= same and rows[craft, slot, code.FIELD_THRUSTER] == actuator
         if not taken:
-            candidates[free] = thruster
+            candidates[free] = actuator
             free += 1
     return candidates[int(uniform * free)] if free > 0 else -1
+
+
+_THRUSTER, _WHEEL, _GYRO = range(3)
+
+
+@njit
+def _own(kind):
+    """Of which kind of actuator a kind of fault is, by its code."""
+    if kind < code.WHEEL_TORQUE_LOSS:
+        return _THRUSTER
+    return _WHEEL if kind < code.GIMBAL_RATE_LOSS else _GYRO

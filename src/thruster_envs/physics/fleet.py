@@ -208,7 +208,10 @@ class Fleet:
         if isinstance(source, FaultDistribution):
             shortest = source.profile_time[0]
             waves = "intermittent" in source.kind_weights() or "intermittent" in source.profiles
-            table = source.encode(n, self.craft, spare=spare, sensors=self.sensors)
+            table = source.encode(
+                n, self.craft, spare=spare, wheels=self.rows.number_of_wheels,
+                gyros=self.rows.number_of_gyros, sensors=self.sensors,
+            )  # fmt: skip
             rows = np.zeros((self.craft, self.slots, len(code.FAULT_FIELDS)))
             of_sensors = source.sensor_probability > 0.0
             if source.count[1] > self.slots:
@@ -271,12 +274,6 @@ class Fleet:
                 )
             if kind not in self.kinds:
                 raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
-        stored = [kind for kind in kinds if kind in WHEEL_KINDS + GYRO_KINDS]
-        if stored and isinstance(source, FaultDistribution):
-            raise ValueError(
-                f"kinds of a distribution must be of thrusters, got {stored[0]!r}; faults of wheels and "
-                "gyros stand in a list of faults"
-            )
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
                 f"shared is True, and here no thrusters of {name!r} share a capacitor; "
