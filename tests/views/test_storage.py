@@ -90,7 +90,7 @@ def test_distributions_draw_faults_of_wheels_and_gyros_where_there_are_any():
     stored = kinds != 1 + KINDS.index("loss")
     assert (infos["fault"]["thruster"][stored, 0] == 1).all()  # it has one of each
     assert infos["fault"]["active"][:, 0].all()
-    with pytest.raises(ValueError, match="kind 'gimbal_lock' has no meaning here"):
+    with pytest.raises(ValueError, match="kind 'wheel_stuck' has no meaning here"):
         gym.make("thruster_envs/OrionRendezvous-v0", faults=law).reset(seed=1)
 
 
