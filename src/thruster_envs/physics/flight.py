@@ -60,8 +60,8 @@ _WRENCH, _FLOW, _OPEN, _SUMS = 0, 6, 7, 8
 # Rows of the clock of a piece.
 (
     _BEFORE, _LENGTH, _START, _PIECE, _PARTS, _WAVES, _CHANGES, _COMMANDED, _UNTIL, _SPIN, _RATE, _MASS,
-    _SPIN_UP, _DRAIN, _TURNS, _COUNT, _TAKEN, _EXTRA, _CLOCK,
-) = range(19)  # fmt: skip
+    _SPIN_UP, _DRAIN, _TURNS, _COUNT, _EXTRA, _CLOCK,
+) = range(18)  # fmt: skip
 #: Craft that a vector holds: those of a block are put in order by their rates, so that a vector of them is
 #: done when the slowest of its craft needs no more sub-steps.
 _VECTOR = 8
@@ -69,9 +69,15 @@ _VECTOR = 8
 _MANY_SUBSTEPS = 4.0
 #: Most rows of the schedule beside one for each corner; what finds no room waits until these are flown.
 _ROOM = 512
-# Rows of one entry of the schedule of sub-steps: its length, then force, torque and mass flow at its start,
-# middle and end.
-_H, _LOAD, _ENTRY = 0, 7, 22
+# Rows of one entry of the schedule, which is a piece: length and number of its sub-steps, then force, torque
+# and mass flow at its start, middle and end.
+_H, _STEPS, _FIRST, _LOAD, _ENTRY = 0, 1, 2, 7, 23
+# Rows of what acts now: the length of the sub-step, then force, torque and mass flow at its start, middle and
+# end. Rows of the piece that they are of, where they change within it: the same, then one over the number of
+# its sub-steps, and how many are done.
+_NOW, _SHARE, _DONE, _OF_PIECE = 22, 21, 22, 23
+#: Sub-steps that are left of a piece that does not exist.
+_NONE_LEFT = 2**62
 # Per-thruster groups of rows of the valves: command and carry-over, true strength, nominal duration.
 _OPENS, _CLOSES, _STRENGTH, _LEVEL, _TAIL, _NOMINAL, _DELIVERED, _RUN, _VALVE_GROUPS = range(9)
 # Per-thruster groups of rows of the nodes (start, middle, end of a piece): opening, thrust as a share of
@@ -97,12 +103,17 @@ class _Work(NamedTuple):
     impulse: FloatArray
     clock: FloatArray
     schedule: FloatArray
+    now: FloatArray
+    piece: FloatArray
     moving: FloatArray
     sight: FloatArray
     words: NDArray[np.uint64]
-    cursor: NDArray[np.int64]
     places: NDArray[np.int64]
     steps: NDArray[np.int64]
+    entries: NDArray[np.int64]
+    totals: NDArray[np.int64]
+    entry: NDArray[np.int64]
+    left: NDArray[np.int64]
     storage: StorageWork | None
 
 
@@ -129,17 +140,20 @@ def compile_period(lanes: int) -> Any:
             np.zeros((3 * _SUMS, lanes)),
             np.zeros((_SUMS, lanes)),
             np.zeros((_CLOCK, lanes)),
-            np.zeros((_ENTRY * (corners + room), lanes)),
+            np.empty((_ENTRY * (corners + room), lanes)),
+            np.zeros((_NOW, lanes)),
+            np.zeros((_OF_PIECE, lanes)),
             np.zeros((STORED, lanes)),
             np.zeros((SIGHT_ROWS, lanes)),
         )
-        words, places = np.zeros((word_rows(n), lanes), np.uint64), np.zeros((3, lanes), np.int64)
+        words, places = np.zeros((word_rows(n), lanes), np.uint64), np.zeros((6, lanes), np.int64)
         stored = storage_arrays(vehicle.rows, lanes)
         work = _Work(
             lanes,
             borrow(owned[0]), borrow(owned[1]), borrow(owned[2]), borrow(owned[3]), borrow(owned[4]),
             borrow(owned[5]), borrow(owned[6]), borrow(owned[7]), borrow(owned[8]), borrow(owned[9]),
-            borrow(owned[10]), borrow(words), borrow(places[0]), borrow(places[1]), borrow(places[2]),
+            borrow(owned[10]), borrow(owned[11]), borrow(owned[12]), borrow(words), borrow(places[0]),
+            borrow(places[1]), borrow(places[2]), borrow(places[3]), borrow(places[4]), borrow(places[5]),
             storage_work(vehicle.storage, stored),
         )  # fmt: skip
         for b in range(first, last):
@@ -219,7 +233,7 @@ def _start_clock(constants, storage, work):
         clock[_RATE, w] = fastest_rate(rate, constants.gyroscopy)
         clock[_MASS, w], clock[_EXTRA, w] = state[at.MASS, w], 0.0
         fastest = clock[_RATE, w] if clock[_RATE, w] > fastest else fastest
-        work.cursor[w] = 0
+        work.entries[w], work.totals[w] = 0, 0
         places[w] = w
     if storage is None and lanes > _VECTOR:
         turning = fastest * max(1.0 / constants.far_turn, min(1.0 / constants.turn_limit, 1.0))
@@ -731,7 +745,7 @@ def _cut(b, data, vehicle, node_count, work):
         flies = (length > 0.0) & (data[b, at.LOST, w] == 0.0)
         fits = (clock[_EXTRA, w] + wanted <= MOST_SUBSTEPS + 1.0) & (clock[_RATE, w] < math.inf)
         count = np.ceil(wanted) if flies & fits else 0.0
-        clock[_COUNT, w], clock[_TAKEN, w] = count, 0.0
+        clock[_COUNT, w] = count
         clock[_EXTRA, w] += count - 1.0 if count > 0.0 else 0.0
         data[b, at.LOST, w] = 1.0 if flies & (not fits) else data[b, at.LOST, w]
 
@@ -748,96 +762,130 @@ _LARGEST_DRAIN = 0.1
 
 @njit(forceinline=True)
 def _schedule(node_count, work):
-    """Write the sub-steps of the piece of each craft into its schedule, as far as there is room.
+    """Enter the piece of each craft in its schedule, which is by its place, where there is room.
 
-    Returns whether there are some left.
+    Returns whether one finds none.
     """
-    clock, sums, schedule, cursor = work.clock, work.sums, work.schedule, work.cursor
+    clock, sums, schedule, entries = work.clock, work.sums, work.schedule, work.entries
     room, left = schedule.shape[0] // _ENTRY, False
     for w in range(work.lanes):
         if clock[_COUNT, w] > 0.0:
-            length, share, place = clock[_LENGTH, w], 1.0 / clock[_COUNT, w], work.places[w]
-            first = int(clock[_TAKEN, w])
-            last = min(int(clock[_COUNT, w]), first + room - cursor[w])
-            clock[_TAKEN, w] = last
-            left |= clock[_TAKEN, w] < clock[_COUNT, w]
-            for j in range(first, last):
-                row = _ENTRY * cursor[w]
-                cursor[w] += 1
-                schedule[row + _H, place] = length * share
-                if node_count == 1:
-                    for k in range(_LOAD):
-                        schedule[row + 1 + k, place] = sums[k, w]
-                else:
-                    for k in range(_LOAD):
-                        for node in range(3):
-                            at_node = _quadratic(sums, w, k, (j + 0.5 * node) * share)
-                            schedule[row + 1 + _LOAD * node + k, place] = at_node
+            p = work.places[w]
+            if entries[p] == room:
+                left = True
+                continue
+            row = _ENTRY * entries[p]
+            entries[p] += 1
+            work.totals[p] += int(clock[_COUNT, w])
+            schedule[row + _H, p] = clock[_LENGTH, w] * (1.0 / clock[_COUNT, w])
+            schedule[row + _STEPS, p] = clock[_COUNT, w]
+            for node in range(node_count):
+                for k in range(_LOAD):
+                    schedule[row + _FIRST + _LOAD * node + k, p] = sums[_SUMS * node + k, w]
+            clock[_COUNT, w] = 0.0
     return left
 
 
+@njit
+def _next_entry(p, node_count, work):
+    """Let the craft at a place go on to the next piece of its schedule; after the last one it waits."""
+    schedule, now, piece, entry = work.schedule, work.now, work.piece, work.entry
+    entry[p] += 1
+    row = _ENTRY * entry[p]
+    if entry[p] == work.entries[p]:
+        now[_H, p], work.left[p] = 0.0, _NONE_LEFT
+        return
+    now[_H, p], work.left[p] = schedule[row + _H, p], int(schedule[row + _STEPS, p])
+    if node_count == 1:
+        for k in range(_LOAD):
+            now[1 + k, p] = schedule[row + _FIRST + k, p]
+    else:
+        for k in range(3 * _LOAD):
+            piece[k, p] = schedule[row + _FIRST + k, p]
+        piece[_SHARE, p], piece[_DONE, p] = 1.0 / schedule[row + _STEPS, p], 0.0
+
+
 @njit(forceinline=True)
-def _quadratic(sums, w, k, s):
-    """Sum ``k`` of lane ``w`` at the share ``s`` of the piece; exact when all three nodes are equal."""
-    a = sums[k, w]
-    m, z = sums[_SUMS + k, w] - a, sums[2 * _SUMS + k, w] - a
-    return a + s * ((4.0 * m - z) + 2.0 * s * (z - 2.0 * m))
+def _follow_piece(width, work):
+    """What acts at the start, middle and end of the next sub-step of each craft, by quadratics in time.
+
+    Exact where all three nodes of a piece are equal.
+    """
+    now, piece = work.now, work.piece
+    for node in range(3):
+        for k in range(_LOAD):
+            for w in range(width):
+                s = (piece[_DONE, w] + 0.5 * node) * piece[_SHARE, w]
+                a = piece[k, w]
+                m, z = piece[_LOAD + k, w] - a, piece[2 * _LOAD + k, w] - a
+                now[1 + _LOAD * node + k, w] = a + s * ((4.0 * m - z) + 2.0 * s * (z - 2.0 * m))
+    for w in range(width):
+        piece[_DONE, w] += 1.0
 
 
 @njit(forceinline=True)
 def _integrate(b, batch, vehicle, storage, node_count, work):
     """Move the craft of the block through their schedules, and empty these.
 
-    Those with fewer sub-steps wait for the others of their vector: their last ones have no length.
+    Those with fewer sub-steps wait for the others of their vector, by sub-steps of no length.
     """
-    schedule, cursor, places, steps, state = (
-        work.schedule, work.cursor, work.places, work.steps, work.state,
-    )  # fmt: skip
+    now, places, steps, left, state = work.now, work.places, work.steps, work.left, work.state
     lanes = work.lanes
     vector = min(lanes, _VECTOR)
     for w in range(lanes):
         steps[w] = 0
-    for w in range(lanes):
-        v = places[w] // vector
-        steps[v] = cursor[w] if cursor[w] > steps[v] else steps[v]
+    for p in range(lanes):
+        v = p // vector
+        steps[v] = work.totals[p] if work.totals[p] > steps[v] else steps[v]
     for v in range(lanes // vector - 2, -1, -1):
         steps[v] = steps[v] if steps[v] > steps[v + 1] else steps[v + 1]
-    for w in range(lanes):
-        for j in range(cursor[w], steps[places[w] // vector]):
-            schedule[_ENTRY * j + _H, places[w]] = 0.0
-        cursor[w] = 0
-    middle, end = (_LOAD, 2 * _LOAD) if node_count == 3 else (0, 0)
+    for p in range(lanes):
+        work.entry[p] = -1
+        _next_entry(p, node_count, work)
+    middle, end, width = (1 + _LOAD, 1 + 2 * _LOAD, lanes) if node_count == 3 else (1, 1, lanes)
     if storage is None:
-        body, moving, most, width = vehicle.body, work.moving, steps[0], lanes
+        body, moving = vehicle.body, work.moving
         put_in_places(body.orbit, state, moving, places, lanes)
-        for j in range(most):
-            a = _ENTRY * j + 1
+        for j in range(steps[0]):
             while steps[width // vector - 1] <= j:
                 width -= vector
+            if node_count == 3:
+                _follow_piece(width, work)
             for w in range(width):
-                forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
-                substep(moving, w, schedule[_ENTRY * j + _H, w], body, forces, torques, flows, None)
+                forces, torques, flows = _loads(now, w, 1, middle, end)
+                substep(moving, w, now[_H, w], body, forces, torques, flows, None)
+            for p in range(width):
+                left[p] -= 1
+                if left[p] == 0:
+                    _next_entry(p, node_count, work)
         take_from_places(body.orbit, state, moving, places, lanes)
     else:
-        for j in range(steps[0]):
-            a = _ENTRY * j + 1
+        for _ in range(steps[0]):
+            if node_count == 3:
+                _follow_piece(lanes, work)
             for w in range(lanes):
-                forces, torques, flows = _loads(schedule, w, a, a + middle, a + end)
+                forces, torques, flows = _loads(now, w, 1, middle, end)
                 substep_stored(
-                    b, w, batch, vehicle, storage, work.storage, state, schedule[_ENTRY * j + _H, w],
+                    b, w, batch, vehicle, storage, work.storage, state, now[_H, w],
                     (forces, torques, flows, None),
                 )  # fmt: skip
+            for p in range(lanes):
+                left[p] -= 1
+                if left[p] == 0:
+                    _next_entry(p, node_count, work)
+    for p in range(lanes):
+        work.entries[p], work.totals[p] = 0, 0
 
 
 @njit(forceinline=True)
-def _loads(schedule, w, a, m, z):
-    """Forces, torques and flows of an entry of the schedule, by the rows of its start, middle and end."""
+def _loads(now, w, a, m, z):
+    """Forces, torques and flows of a sub-step, by the rows of its start, middle and end."""
     return (
-        ((schedule[a, w], schedule[a + 1, w], schedule[a + 2, w]),
-         (schedule[m, w], schedule[m + 1, w], schedule[m + 2, w]),
-         (schedule[z, w], schedule[z + 1, w], schedule[z + 2, w])),
-        ((schedule[a + 3, w], schedule[a + 4, w], schedule[a + 5, w]),
-         (schedule[m + 3, w], schedule[m + 4, w], schedule[m + 5, w]),
-         (schedule[z + 3, w], schedule[z + 4, w], schedule[z + 5, w])),
-        (schedule[a + _FLOW, w], schedule[m + _FLOW, w], schedule[z + _FLOW, w]),
+        ((now[a, w], now[a + 1, w], now[a + 2, w]),
+         (now[m, w], now[m + 1, w], now[m + 2, w]),
+         (now[z, w], now[z + 1, w], now[z + 2, w])),
+        ((now[a + 3, w], now[a + 4, w], now[a + 5, w]),
+         (now[m + 3, w], now[m + 4, w], now[m + 5, w]),
+         (now[z + 3, w], now[z + 4, w], now[z + 5, w])),
+        (now[a + _FLOW, w], now[m + _FLOW, w], now[z + _FLOW, w]),
     )  # fmt: skip
