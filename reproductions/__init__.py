@@ -18,10 +18,11 @@ if sys.argv[:1] == ["-m"] and signal.getsignal(signal.SIGINT) is signal.default_
     )
 
 
-from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
 from thruster_envs.extras import require
 
 require("baselines", "reproductions")
 require("agents", "reproductions")
+
+from reproductions.record import FULL, QUICK, Effort, Finding, Reproduction, Table, Verdict
 
 __all__ = ["FULL", "QUICK", "Effort", "Finding", "Reproduction", "Table", "Verdict"]
