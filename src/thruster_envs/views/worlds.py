@@ -236,7 +236,7 @@ class Worlds:
             self.watcher(over)
         if begins is None:
             return self._results(self._nobody)
-        which = np.flatnonzero(begins)
+        which = begins.nonzero()[0]
         if which.size:
             self.reset(which)
         return self._results(begins)
