@@ -356,18 +356,9 @@ def _update_axis(
 
 
 @kernel(nogil=True)
-def _update_shared(
-    times: FloatArray,
-    measured: FloatArray,
-    there: BoolArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_shared(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
     process, error = noise[0], noise[1]
     m, n = effectiveness.shape[1:]
     pu, nothing = np.empty(n), np.zeros(n)
@@ -386,18 +377,9 @@ def _update_shared(
 
 
 @kernel(nogil=True)
-def _update_by_axis(
-    times: FloatArray,
-    measured: FloatArray,
-    there: BoolArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_by_axis(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
     process, error = noise[0], noise[1]
     m, n = effectiveness.shape[1:]
     pu = np.empty(n)
@@ -415,18 +397,9 @@ def _update_by_axis(
 
 
 @kernel(nogil=True)
-def _compare(
-    times: FloatArray,
-    measured: FloatArray,
-    there: BoolArray,
-    noise: FloatArray,
-    effectiveness: FloatArray,
-    _: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _compare(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, _, residual, spread, first, last
+):
     m, n = effectiveness.shape[1:]
     for v in range(first, last):
         spread[v] = noise[v if noise.shape[0] > 1 else 0]
@@ -439,18 +412,9 @@ def _compare(
 
 
 @kernel(nogil=True)
-def _update_full(
-    times: FloatArray,
-    measured: FloatArray,
-    there: BoolArray,
-    noise: tuple[FloatArray, FloatArray, bool],
-    effectiveness: FloatArray,
-    covariance: FloatArray,
-    residual: FloatArray,
-    spread: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _update_full(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
     process, error, fired_only = noise
     m, n = effectiveness.shape[1:]
     size = m * n
