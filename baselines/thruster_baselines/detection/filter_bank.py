@@ -74,7 +74,7 @@ class FilterBank(BaseDetector):
             raise ValueError(f"weak_share is {weak_share}; between 0 and 1 would be right")
         if not 0.0 < floor < 1.0:
             raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
-        self.weak_share, self._floor = weak_share, floor
+        self.weak_share, self._floor, self._log_floor = weak_share, floor, float(np.log(floor))
         super().__init__(spacecraft, threshold, **settings)
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:
@@ -101,7 +101,7 @@ class FilterBank(BaseDetector):
         if mask.all():
             self.log_weights: FloatArray = np.empty((count, 1 + len(KINDS) * n))
         alive = np.repeat(~self._dead[mask], len(KINDS), axis=1)
-        self.log_weights[mask, 1:] = np.where(alive, np.log(self._floor), -np.inf)
+        self.log_weights[mask, 1:] = np.where(alive, self._log_floor, -np.inf)
         self.log_weights[mask, 0] = np.log(np.maximum(1.0 - self._floor * alive.sum(axis=1), self._floor))
 
     @property
@@ -163,7 +163,7 @@ class FilterBank(BaseDetector):
         )
         scores = Scores.of(interval)
         _weigh(
-            tuple(interval), tuple(innovation), self.weak_share, np.log(self._floor), self.log_weights,
+            tuple(interval), tuple(innovation), self.weak_share, self._log_floor, self.log_weights,
             tuple(scores),
         )  # fmt: skip
         return self._answer(scores)
