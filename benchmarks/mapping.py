@@ -24,12 +24,7 @@ from benchmarks.report import AtLeast, AtMost, Row, Section, markdown_table, num
 from benchmarks.timing import QUICK, Calls, Effort, Timing, Work, clock_cost, race, race_calls
 from thruster_baselines.mapping import LPMapper
 from thruster_baselines.mapping.sequence import follow_range
-from thruster_baselines.mapping.simplex import (
-    Solutions,
-    solve_batch,
-    solve_range,
-    tableau_shape,
-)
+from thruster_baselines.mapping.simplex import solve_batch, solve_one, tableau_shape
 from thruster_envs.protocols import IntArray
 
 PROBLEMS = 2048
@@ -146,11 +141,9 @@ def _one_by_one(effort: Effort, craft: str, count: int) -> dict[str, Single]:
 def kernel(these: Problems) -> Work:
     """Calls of the compiled solver from Python, one for each problem."""
     m, n = these.effectiveness.shape
-    answer = tuple(Solutions.empty(1, m, n))
-    model = these.effectiveness[np.newaxis]
-    costs = these.fuel_cost[np.newaxis], these.slack_cost
-    return solve_range, [
-        ((command[np.newaxis], model, max_on_time[np.newaxis], *costs), answer, 0, 1)
+    room = np.empty(n), np.empty(m), np.empty(1), np.empty(3, np.int64)
+    return solve_one, [
+        (command, these.effectiveness, max_on_time, these.fuel_cost, these.slack_cost, *room)
         for command, max_on_time in zip(these.command, these.max_on_time, strict=True)
     ]
 

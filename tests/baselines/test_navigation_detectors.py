@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -584,3 +586,24 @@ def test_wrong_values_are_named():
         detector.update(np.zeros(8), np.zeros(2), [1, 0, 0, 0])
     with pytest.raises(ValueError, match=r"thruster is \[9\]; 1 numbers from 0 to 8 would be right"):
         detector.identify([9])
+
+
+@pytest.mark.parametrize("make_copy", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+@pytest.mark.parametrize("kind", [FusionDetector, SignatureDetector, CorrelationDetector])
+def test_a_copy_goes_on_as_the_original_would_and_leaves_it_alone(kind, make_copy):
+    rng = np.random.default_rng(0)
+    duties = rng.uniform(0.0, 0.3, (60, MSR_A.number_of_thrusters))
+    positions = 0.01 * np.arange(60)[:, np.newaxis] + 1e-3 * rng.standard_normal((60, 3))
+    upright, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    original = kind(MSR_A, THRESHOLD, settle=0.0)
+    for k in range(30):
+        original.update(duties[k], positions[k], upright, still)
+    copied = make_copy(original)
+    after = [copied.update(duties[k], positions[k], upright, still) for k in range(30, 60)]
+    assert original.samples[0] == 30
+    for k, expected in zip(range(30, 60), after, strict=True):
+        answer = original.update(duties[k], positions[k], upright, still)
+        assert answer.detected == expected.detected
+        assert answer.kind == expected.kind
+        np.testing.assert_array_equal(answer.statistic, expected.statistic)
+        np.testing.assert_array_equal(answer.suspicion, expected.suspicion)

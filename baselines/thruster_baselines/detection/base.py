@@ -50,6 +50,8 @@ _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may e
 class Interval(NamedTuple):
     """One interval, as a detector sees it after the checks.
 
+    Kernels are called with a plain tuple of it, which takes half as long to enter one.
+
     Attributes:
         commanded: (vehicles, n), s, as they were told.
         on_times: (vehicles, n), s, effective: the loss of the shared feed taken off.
@@ -95,13 +97,8 @@ class Scores(NamedTuple):
         return cls(np.zeros(shape[0]), np.zeros(shape[0], np.int64), np.zeros(shape), np.zeros(shape))
 
 
-class _Intake(NamedTuple):
-    """What is kept of the vehicles' input: (vehicles,), but for the counts (reasons, vehicles)."""
-
-    reason: IntArray
-    axis: IntArray
-    refused: IntArray
-    time: FloatArray
+_REASON, _AXIS, _REFUSED = range(3)
+"""Rows of what is kept of the input: why the last was refused, on which axis, then counts by reason."""
 
 
 class BaseDetector(ABC):
@@ -164,6 +161,8 @@ class BaseDetector(ABC):
             coupling = 0.0 if coupling is None else coupling
             self._limits = Limits.none(m)
         self._shares = thrust_shares(coupling, n)
+        self._input_limits = np.concatenate([self._shares, self._limits.rate, self._limits.error])
+        self._no_kinds, self._no_age = ("",) * vehicles, np.zeros(vehicles)
         self.reset()
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
@@ -172,17 +171,16 @@ class BaseDetector(ABC):
         m, n = self._nominal.shape
         if vehicles is None:
             self.time: FloatArray = np.zeros(self._vehicles)
-            self._refused: IntArray = np.zeros((len(REFUSALS), self._vehicles), np.int64)
-            self._reason: IntArray = np.full(self._vehicles, TAKEN)
-            self._axis: IntArray = np.zeros(self._vehicles, np.int64)
-            self._age: FloatArray = np.zeros(self._vehicles)
+            self._intake: IntArray = np.zeros((2 + len(REFUSALS), self._vehicles), np.int64)
+            self._age: FloatArray = self._no_age
             self._believed: FloatArray = np.empty((self._vehicles, m, n))
             self._dead: BoolArray = np.empty((self._vehicles, n), np.bool_)
             self.last: Interval | None = None
         self.time[mask] = 0.0
-        self._refused[:, mask] = 0
-        self._reason[mask] = TAKEN
+        self._intake[_REFUSED:, mask] = 0
+        self._intake[_REASON, mask] = TAKEN
         self._believed[mask] = self._nominal
+        self._dead = self._dead.copy()  # the last interval keeps its own
         self._dead[mask] = ~self._nominal.any(axis=0)
         self._begin(mask)
         self._forget(mask)
@@ -211,6 +209,7 @@ class BaseDetector(ABC):
         for i in np.flatnonzero(changed.any(axis=0)):
             self._replace(changed[:, i], int(i) + 1, given[changed[:, i], :, i])
         self._believed[mask] = given[mask]
+        self._dead = self._dead.copy()  # the last interval keeps its own
         self._dead[mask] = ~given[mask].any(axis=1)
         self._forget(mask)
 
@@ -231,16 +230,19 @@ class BaseDetector(ABC):
         """
         if isinstance(on_times, Telemetry):
             seen = on_times
+            commanded, measured = seen.need("on_times"), seen.need("rate_change")
+            duration, valid, age = seen.duration, seen.valid, seen.age
         else:
-            time = math.nan if duration is None else duration
-            seen = Telemetry(time, on_times=on_times, rate_change=rate_change, valid=valid, age=age)
-        self.last = self._take_in(seen)
+            commanded, measured = on_times, rate_change
+        if measured is None or duration is None:
+            raise TypeError("update must have telemetry, or on_times, rate_change and duration")
+        self.last = self._take_in(commanded, measured, duration, valid, age)
         return self._diagnose(self.last)
 
     @property
     def refused(self) -> dict[str, IntArray]:
         """How many measurements were refused since the last reset, (vehicles,), for each reason."""
-        return {reason: self._refused[k].copy() for k, reason in enumerate(REFUSALS)}
+        return {reason: self._intake[_REFUSED + k].copy() for k, reason in enumerate(REFUSALS)}
 
     def last_refusal(self, vehicle: int = 0) -> str:
         """Why the measurement of the last interval was refused, for people; empty if it was taken.
@@ -248,7 +250,7 @@ class BaseDetector(ABC):
         Args:
             vehicle: Which one, from 0.
         """
-        reason, interval = int(self._reason[vehicle]), self.last
+        reason, interval = int(self._intake[_REASON, vehicle]), self.last
         if reason == TAKEN or interval is None:
             return ""
         if reason == MISSING:
@@ -258,7 +260,7 @@ class BaseDetector(ABC):
                 f"the rate change of vehicle {vehicle} is {self._age[vehicle]:g} s old; that of the interval "
                 "that has just ended would be right"
             )
-        k = int(self._axis[vehicle])
+        k = int(self._intake[_AXIS, vehicle])
         value = interval.rate_change[vehicle, k]
         return f"the rate change of vehicle {vehicle}, {self._limits.line(k, value, interval.duration)}"
 
@@ -277,23 +279,30 @@ class BaseDetector(ABC):
     def _forget(self, mask: BoolArray) -> None:  # noqa: B027 - most detectors gather nothing
         """Drop the evidence gathered of the vehicles of a mask (vehicles,)."""
 
-    def _take_in(self, seen: Telemetry) -> Interval:
+    def _take_in(
+        self,
+        on_times: ArrayLike,
+        rate_change: ArrayLike,
+        duration: float,
+        valid: ArrayLike | None,
+        age: ArrayLike | None,
+    ) -> Interval:
         count, (m, n) = self._vehicles, self._nominal.shape
-        commanded = self._whole(seen.need("on_times"), n, "on_times")
-        measured = self._whole(seen.need("rate_change"), m, "rate_change")
-        duration, valid, age = seen.duration, seen.valid, seen.age
+        commanded = self._whole(on_times, n, "on_times")
+        measured = self._whole(rate_change, m, "rate_change")
         if not (duration > 0.0 and math.isfinite(duration)):
             raise ValueError(f"duration is {duration}; a positive number of s would be right")
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
         if there.shape != (count,):
             raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
-        ages = np.zeros(count) if age is None else np.array(age, dtype=np.float64)
+        ages = self._no_age if age is None else np.array(age, dtype=np.float64)
         if ages.shape != (count,):
             raise ValueError(f"age has the shape {ages.shape}; ({count},) would be right")
         effective = np.empty((count, n))
-        intake = _Intake(self._reason, self._axis, self._refused, self.time)
-        limits = self._shares, self._limits.rate, self._limits.error
-        wrong = _validate_input(commanded, measured, there, ages, float(duration), limits, intake, effective)
+        wrong = _validate_input(
+            commanded, measured, there, ages, float(duration), self._input_limits, self._intake, self.time,
+            effective,
+        )  # fmt: skip
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), n)
             raise ValueError(
@@ -306,7 +315,7 @@ class BaseDetector(ABC):
         innovation = self.filter.advance(effective, measured, there, noise)
         return Interval(
             commanded, effective, measured, float(duration), innovation.valid, before,
-            innovation.residual, innovation.covariance, self._dead.copy(),
+            innovation.residual, innovation.covariance, self._dead,
         )  # fmt: skip
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
@@ -318,14 +327,15 @@ class BaseDetector(ABC):
     def _answer(self, scores: Scores, limit: FloatArray | None = None) -> Verdict:
         """The verdict; `limit` (vehicles,) stands for the threshold in this interval."""
         detected = scores.statistic > (self.threshold if limit is None else limit)
+        kinds = self._kinds(detected) if np.count_nonzero(detected) else self._no_kinds
         return Verdict(
-            detected, np.where(detected, scores.thruster, 0), scores.statistic, self.time.copy(),
-            scores.suspicion, scores.shortfall, self._kinds(detected),
+            detected, scores.thruster * detected, scores.statistic, self.time.copy(), scores.suspicion,
+            scores.shortfall, kinds,
         )  # fmt: skip
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
         """Of each vehicle, the kind of fault where one is detected; nothing where it cannot be told."""
-        return ()
+        return self._no_kinds
 
 
 @kernel(nogil=True)
@@ -335,17 +345,20 @@ def _validate_input(
     there: NDArray[np.bool_],
     age: FloatArray,
     duration: float,
-    limits: tuple[FloatArray, FloatArray, FloatArray],
-    intake: _Intake,
+    limits: FloatArray,
+    intake: IntArray,
+    time: FloatArray,
     effective: FloatArray,
 ) -> int:
     """Effective on-times, clock, and refusals; the flat index of the first on-time that cannot be, or -1.
 
     Nothing but scratch is written if there is one. The limits are the shares of thrust of the shared feed,
-    the largest rate of change and the largest error.
+    the largest rate of change and the largest error, one after the other; `_REASON` tells the rows of the
+    intake.
     """
-    shares, largest_rate, largest_error = limits
-    reason, axis, refused, time = intake
+    shares = limits[: commanded.shape[1] + 1]
+    largest_rate, largest_error = limits[shares.size :].reshape(2, -1)
+    reason, axis, refused = intake[_REASON], intake[_AXIS], intake[_REFUSED:]
     count, n = commanded.shape
     wrong, longest = -1, duration * (1.0 + _ROUNDING)
     for v in range(count):

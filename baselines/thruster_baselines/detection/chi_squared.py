@@ -34,7 +34,7 @@ class GenericChiSquared(BaseDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        _generic(interval, scores.statistic)
+        _generic(tuple(interval), scores.statistic)
         return self._answer(scores)
 
 
@@ -65,7 +65,7 @@ class SingleChiSquared(BaseDetector):
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
         self.axes = _squares(interval)
-        _single(self.axes, self._believed, interval.excluded, self.threshold, scores)
+        _single(self.axes, self._believed, interval.excluded, self.threshold, tuple(scores))
         return self._answer(scores)
 
 
@@ -90,7 +90,7 @@ class SetChiSquared(BaseDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        _set(_squares(interval), self._believed, interval.excluded, self.threshold, scores)
+        _set(_squares(interval), self._believed, interval.excluded, self.threshold, tuple(scores))
         return self._answer(scores)
 
 
@@ -103,6 +103,7 @@ def _squares(interval: Interval) -> FloatArray:
 
 @kernel(nogil=True)
 def _generic(interval: Interval, statistic: FloatArray) -> None:
+    interval = Interval(*interval)
     m = interval.residual.shape[1]
     root, e, a, none = np.empty((m, m)), np.empty(m), np.empty((m, 0)), np.empty((m, 0))
     for v in range(statistic.size):

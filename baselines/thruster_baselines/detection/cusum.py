@@ -83,7 +83,7 @@ class CUSUMDetector(BaseDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        _gather(interval, self._design, self.sums, self._runs, scores)
+        _gather(tuple(interval), self._design, self.sums, self._runs, tuple(scores))
         return self._answer(scores)
 
 
@@ -91,6 +91,7 @@ class CUSUMDetector(BaseDetector):
 def _gather(
     interval: Interval, design: FloatArray, sums: FloatArray, runs: FloatArray, scores: Scores
 ) -> None:
+    interval = Interval(*interval)
     on_times, duration = interval.on_times, interval.duration
     statistic, blamed, suspicion, shortfall = scores
     m, n = interval.effectiveness.shape[1:]

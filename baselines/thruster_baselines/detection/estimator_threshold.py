@@ -76,7 +76,7 @@ class EstimatorThreshold(LimitedDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        _lost_shares(self.filter.effectiveness, self._believed, interval, scores)
+        _lost_shares(self.filter.effectiveness, self._believed, tuple(interval), tuple(scores))
         return self._answer(scores, self._limits_of(interval))
 
     def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
@@ -89,6 +89,7 @@ class EstimatorThreshold(LimitedDetector):
 
 @kernel(nogil=True)
 def _lost_shares(estimate: FloatArray, believed: FloatArray, interval: Interval, scores: Scores) -> None:
+    interval = Interval(*interval)
     statistic, blamed, lost, shortfall = scores
     m, n = estimate.shape[1:]
     weight = np.empty(m)

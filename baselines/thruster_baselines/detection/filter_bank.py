@@ -74,7 +74,7 @@ class FilterBank(BaseDetector):
             raise ValueError(f"weak_share is {weak_share}; between 0 and 1 would be right")
         if not 0.0 < floor < 1.0:
             raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
-        self.weak_share, self._floor = weak_share, floor
+        self.weak_share, self._floor, self._log_floor = weak_share, floor, float(np.log(floor))
         super().__init__(spacecraft, threshold, **settings)
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:
@@ -101,7 +101,7 @@ class FilterBank(BaseDetector):
         if mask.all():
             self.log_weights: FloatArray = np.empty((count, 1 + len(KINDS) * n))
         alive = np.repeat(~self._dead[mask], len(KINDS), axis=1)
-        self.log_weights[mask, 1:] = np.where(alive, np.log(self._floor), -np.inf)
+        self.log_weights[mask, 1:] = np.where(alive, self._log_floor, -np.inf)
         self.log_weights[mask, 0] = np.log(np.maximum(1.0 - self._floor * alive.sum(axis=1), self._floor))
 
     @property
@@ -113,11 +113,12 @@ class FilterBank(BaseDetector):
     def kind(self) -> list[str]:
         """What is the most probable of each vehicle: none, off, weak or on."""
         best = self.log_weights.argmax(axis=1)
-        return [KINDS[(h - 1) % len(KINDS)] if h > 0 else "none" for h in best]
+        return [KINDS[(h - 1) % len(KINDS)] if h > 0 else "none" for h in best.tolist()]
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
         names = {"none": "", "off": "stuck_off", "weak": "loss", "on": "stuck_on"}
-        return tuple(names[kind] if one else "" for kind, one in zip(self.kind, detected, strict=True))
+        pairs = zip(self.kind, detected.tolist(), strict=True)
+        return tuple([names[kind] if one else "" for kind, one in pairs])
 
     def mixture(self, vehicle: int = 0) -> tuple[FloatArray, FloatArray]:
         """What the thrusters of a vehicle give for each second of command.
@@ -161,7 +162,10 @@ class FilterBank(BaseDetector):
             rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
         )
         scores = Scores.of(interval)
-        _weigh(interval, innovation, self.weak_share, np.log(self._floor), self.log_weights, scores)
+        _weigh(
+            tuple(interval), tuple(innovation), self.weak_share, self._log_floor, self.log_weights,
+            tuple(scores),
+        )  # fmt: skip
         return self._answer(scores)
 
 
@@ -200,6 +204,7 @@ def _weigh(
     log_weights: FloatArray,
     scores: Scores,
 ) -> None:
+    interval, bank = Interval(*interval), Innovation(*bank)
     on_times, duration = interval.on_times, interval.duration
     statistic, blamed, suspicion, shortfall = scores
     m, n = interval.residual.shape[1], on_times.shape[1]

@@ -96,7 +96,7 @@ class GLRDetector(LimitedDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        in_threads(partial(_ratios, interval, self.sign_gate, scores), len(scores.statistic))
+        in_threads(partial(_ratios, tuple(interval), self.sign_gate, tuple(scores)), len(scores.statistic))
         return self._answer(scores, self._limits_of(interval))
 
     def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
@@ -117,6 +117,7 @@ def _least(spacecraft: Spacecraft | ArrayLike, noise: PhysicalNoise | ArrayLike)
 
 @kernel(nogil=True)
 def _ratios(interval: Interval, sign_gate: bool, scores: Scores, first: int, last: int) -> None:
+    interval = Interval(*interval)
     commanded, duration, effectiveness = interval.commanded, interval.duration, interval.effectiveness
     statistic, blamed, ratio, shortfall = scores
     m, n = effectiveness.shape[1:]

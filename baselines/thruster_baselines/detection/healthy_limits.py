@@ -124,8 +124,8 @@ class HealthyLimits:
     ) -> None:  # fmt: skip
         covariance, variance = self._filter.shared_covariance()
         noise = self._noise
-        test = _Test(on_times, metric, effectiveness, valid, self._rate, self._one, least, shares)
-        errors = _Errors(noise.sensors, noise.effectiveness, noise.scatter, covariance, variance)
+        test = on_times, metric, effectiveness, valid, self._rate, self._one, least, shares
+        errors = noise.sensors, noise.effectiveness, noise.scatter, covariance, variance
         work = partial(_propagate, test, errors, self._wrong, self._gain, limit, deviation)
         in_threads(work, len(on_times))
 

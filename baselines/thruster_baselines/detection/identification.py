@@ -149,8 +149,8 @@ class ModelComparison:
         count = named.size
         statistic = np.zeros((count, self._codes.size))
         best = np.zeros(count, np.int64)
-        models = _Models(self._codes, self._levels, self._turned)
-        _compare(interval, named, self._shares, models, statistic, best)
+        models = self._codes, self._levels, self._turned
+        _compare(tuple(interval), named, self._shares, models, statistic, best)
         return Identification(tuple(self.models[one][0] for one in best), self._levels[best], statistic)
 
 
@@ -170,7 +170,7 @@ def least_squares_severity(interval: Interval, thruster: ArrayLike) -> Severity:
     """
     named = _named(interval, thruster)
     seconds, variance = np.zeros(named.size), np.full(named.size, np.inf)
-    _seconds(interval, named, seconds, variance)
+    _seconds(tuple(interval), named, seconds, variance)
     rows = np.arange(named.size)
     fired = interval.on_times[rows, named - 1]
     spare = interval.duration - interval.commanded[rows, named - 1]
@@ -227,6 +227,7 @@ def _compare(
     statistic: FloatArray,
     best: IntArray,
 ) -> None:
+    interval = Interval(*interval)
     effectiveness, duration = interval.effectiveness, interval.duration
     codes, levels, turned = models
     m, n = effectiveness.shape[1:]
@@ -282,6 +283,7 @@ def _compare(
 
 @kernel(nogil=True)
 def _seconds(interval: Interval, named: IntArray, seconds: FloatArray, variance: FloatArray) -> None:
+    interval = Interval(*interval)
     m = interval.residual.shape[1]
     root, e, a, column = np.empty((m, m)), np.empty(m), np.empty((m, 1)), np.empty((m, 1))
     for v in range(named.size):

@@ -86,13 +86,18 @@ class WindowedGLR(BaseDetector):
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
-        memory = _Window(self._sums, self._starts, self._filled, self.onset, self.share, self.excess)
-        _over_the_window(interval, self.time, memory, scores)
+        memory = self._sums, self._starts, self._filled, self.onset, self.share, self.excess
+        _over_the_window(tuple(interval), self.time, memory, tuple(scores))
         return self._answer(scores)
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:
-        said = np.where(self.excess, "stuck_on", np.where(self.share == 1.0, "stuck_off", "loss"))
-        return tuple(np.where(detected, said, "").tolist())
+        found = zip(detected.tolist(), self.excess.tolist(), self.share.tolist(), strict=True)
+        return tuple(
+            [
+                ("stuck_on" if excess else "stuck_off" if share == 1.0 else "loss") if one else ""
+                for one, excess, share in found
+            ]
+        )
 
 
 class _Window(NamedTuple):
@@ -140,6 +145,7 @@ def evidence(
 
 @kernel(nogil=True)
 def _over_the_window(interval: Interval, time: FloatArray, memory: _Window, scores: Scores) -> None:
+    interval = Interval(*interval)
     on_times, duration = interval.on_times, interval.duration
     sums, starts, filled, onset, share, excess = memory
     statistic, blamed, ratio, shortfall = scores

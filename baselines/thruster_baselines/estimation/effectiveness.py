@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -96,7 +96,7 @@ class EffectivenessFilter:
         self._nominal, self._vehicles = nominal, vehicles
         self._process = _per_axis(process_noise, m, "process_noise")
         self._measurement = _measurement_noise(measurement_noise, m)
-        self._diagonal = np.diag(self._measurement).copy()
+        self._by_axis = np.stack([self._process, np.diag(self._measurement)])
         first = process_noise if initial_covariance is None else initial_covariance
         self._first = _per_axis(first, m, "initial_covariance")
         self.form = self._choose(form)
@@ -252,18 +252,15 @@ class EffectivenessFilter:
         """
         count, m = rate_change.shape
         residual, covariance = np.zeros((count, m)), np.zeros((count, m, m))
-        noise = self._diagonal
+        errors: tuple[Any, ...] | FloatArray = self._by_axis
         if self.form not in ("shared", "by_axis"):
-            noise = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
-        update = _Update(
-            on_times, rate_change, valid, self._process, noise, self.effectiveness, self._covariance,
+            errors = self._measurement[np.newaxis] if measurement_noise is None else measurement_noise
+            if self.form != "known":
+                errors = self._process, errors, self.form == "fired_only"
+        work = partial(
+            _KERNELS[self.form], on_times, rate_change, valid, errors, self.effectiveness, self._covariance,
             residual, covariance,
         )  # fmt: skip
-        if self.form in ("full", "fired_only"):
-            work = partial(_update_full, update, self.form == "fired_only")
-        else:
-            kernels = {"known": _compare, "shared": _update_shared, "by_axis": _update_by_axis}
-            work = partial(kernels[self.form], update)
         in_threads(work, count)
         return Innovation(residual, covariance, valid)
 
@@ -332,20 +329,6 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     return values
 
 
-class _Update(NamedTuple):
-    """One interval as kernels take it; the noise is (m,), or (vehicles or 1, m, m) in full."""
-
-    on_times: FloatArray
-    rate_change: FloatArray
-    valid: BoolArray
-    process: FloatArray
-    noise: FloatArray
-    effectiveness: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    residual_covariance: FloatArray
-
-
 @kernel(nogil=True)
 def _update_axis(
     times: FloatArray, innovation: float, q: float, r: float, row: FloatArray, p: FloatArray, taught: bool,
@@ -373,12 +356,14 @@ def _update_axis(
 
 
 @kernel(nogil=True)
-def _update_shared(update: _Update, first: int, last: int) -> None:
-    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
+def _update_shared(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
+    process, error = noise[0], noise[1]
     m, n = effectiveness.shape[1:]
     pu, nothing = np.empty(n), np.zeros(n)
     for v in range(first, last):
-        variance = _update_axis(times[v], 0.0, process[0], noise[0], nothing, covariance[v], there[v], pu)
+        variance = _update_axis(times[v], 0.0, process[0], error[0], nothing, covariance[v], there[v], pu)
         for k in range(m):
             spread[v, k, k] = variance
             if there[v]:
@@ -392,8 +377,10 @@ def _update_shared(update: _Update, first: int, last: int) -> None:
 
 
 @kernel(nogil=True)
-def _update_by_axis(update: _Update, first: int, last: int) -> None:
-    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
+def _update_by_axis(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
+    process, error = noise[0], noise[1]
     m, n = effectiveness.shape[1:]
     pu = np.empty(n)
     for v in range(first, last):
@@ -405,16 +392,17 @@ def _update_by_axis(update: _Update, first: int, last: int) -> None:
                     rest -= effectiveness[v, k, i] * times[v, i]
             residual[v, k] = rest
             spread[v, k, k] = _update_axis(
-                times[v], rest, process[k], noise[k], effectiveness[v, k], covariance[v, k], there[v], pu
+                times[v], rest, process[k], error[k], effectiveness[v, k], covariance[v, k], there[v], pu
             )
 
 
 @kernel(nogil=True)
-def _compare(update: _Update, first: int, last: int) -> None:
-    times, measured, there, _, noises, effectiveness, _, residual, spread = update
+def _compare(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, _, residual, spread, first, last
+):
     m, n = effectiveness.shape[1:]
     for v in range(first, last):
-        spread[v] = noises[v if noises.shape[0] > 1 else 0]
+        spread[v] = noise[v if noise.shape[0] > 1 else 0]
         if there[v]:
             for k in range(m):
                 rest = measured[v, k]
@@ -424,8 +412,10 @@ def _compare(update: _Update, first: int, last: int) -> None:
 
 
 @kernel(nogil=True)
-def _update_full(update: _Update, fired_only: bool, first: int, last: int) -> None:
-    times, measured, there, process, noise, effectiveness, covariance, residual, spread = update
+def _update_full(  # type: ignore[no-untyped-def]
+    times, measured, there, noise, effectiveness, covariance, residual, spread, first, last
+):
+    process, error, fired_only = noise
     m, n = effectiveness.shape[1:]
     size = m * n
     ph, gain = np.empty((m, size)), np.empty((m, size))  # H P and K'
@@ -435,7 +425,7 @@ def _update_full(update: _Update, fired_only: bool, first: int, last: int) -> No
         for i in range(n):
             for k in range(m):
                 p[i * m + k, i * m + k] += process[k]
-        r = noise[v if noise.shape[0] > 1 else 0]
+        r = error[v if error.shape[0] > 1 else 0]
         for k in range(m):
             row = ph[k]
             row[:] = 0.0
@@ -512,3 +502,14 @@ def _joseph(
                 row[t] += weighed * gains[t] - own * seen[t]
         for t in range(s + 1, size):
             p[t, s] = p[s, t]
+
+
+_KERNELS = {
+    "known": _compare,
+    "shared": _update_shared,
+    "by_axis": _update_by_axis,
+    "full": _update_full,
+    "fired_only": _update_full,
+}
+"""By form. The noise is (2, m) of process and measurement; in full (vehicles or 1, m, m) of the measurement,
+alone or between that of the process (m,) and whether idle thrusters are left alone."""

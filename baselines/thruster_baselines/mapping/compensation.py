@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.coupling import Coupling, thrust_shares
 from thruster_baselines.mapping.model import Model
-from thruster_baselines.mapping.simplex import NOT_CONVERGED, OPTIMAL, Programs, Solutions, in_threads
+from thruster_baselines.mapping.simplex import NOT_CONVERGED, OPTIMAL, Solutions, in_threads
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -117,15 +118,12 @@ class CompensatingMapper(CompiledMapper):
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         batch, m = command.shape
         answer = Solutions.empty(batch, m, effectiveness.shape[2], programs=True)
-        problem = Programs(command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost)
+        problem = command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost
         kernel, settings = self._kernel()
-        in_threads(
-            lambda first, last: kernel(problem, answer, self.shares, settings, first, last),
-            batch,
-            self._threads,
-        )
-        failed = (answer.report[:, 0] > OPTIMAL) & (answer.report[:, 0] <= NOT_CONVERGED)
-        if failed.any():
+        in_threads(partial(kernel, problem, tuple(answer), self.shares, settings), batch, self._threads)
+        status = answer.report[:, 0]
+        if status.any():
+            failed = (status > OPTIMAL) & (status <= NOT_CONVERGED)
             raise_unless_optimal(command[failed], answer.report[failed])
         return answer
 

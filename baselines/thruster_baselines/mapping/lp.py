@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.mapping.base import CompiledMapper, raise_unless_optimal
 from thruster_baselines.mapping.model import require_command_shape, require_finite_command
 from thruster_baselines.mapping.sequence import LPSequence
-from thruster_baselines.mapping.simplex import OPTIMAL, Solutions, solve_range
+from thruster_baselines.mapping.simplex import OPTIMAL, solve_one
 from thruster_envs.protocols import Allocation, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -69,7 +69,6 @@ class LPMapper(CompiledMapper):
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, threads, fuel_may_win=fuel_may_win)
         self._single = (self._model.effectiveness.shape[0],)
         self._alone = self._model.effectiveness[np.newaxis], self._model.max_on_time[np.newaxis]
-        self._costs = self._fuel_cost[np.newaxis]
 
     def __call__(
         self,
@@ -119,13 +118,13 @@ class LPMapper(CompiledMapper):
         return report[..., 1].copy(), report[..., 2].copy()
 
     def _solve_one(self, command: FloatArray) -> Allocation:
-        """One command (m,) for the mapper's own model, as a batch of one."""
-        effectiveness, max_on_time = self._alone
-        _, m, n = effectiveness.shape
-        answer = Solutions.empty(1, m, n)
-        on_times, slack, cost, report = answer
-        problem = command[np.newaxis], effectiveness, max_on_time, self._costs, self._slack_cost
-        solve_range(problem, tuple(answer), 0, 1)
-        if report[0, 0] != OPTIMAL:
-            raise_unless_optimal(command, report[0])
-        return Allocation(on_times[0], slack[0], cost.reshape(()), report[0, 0:1].reshape(()))
+        """One command (m,) for the mapper's own model."""
+        m, n = self._model.effectiveness.shape
+        on_times, slack, cost, report = np.empty(n), np.empty(m), np.empty(1), np.empty(3, np.int64)
+        solve_one(
+            command, self._model.effectiveness, self._model.max_on_time, self._fuel_cost, self._slack_cost,
+            on_times, slack, cost, report,
+        )  # fmt: skip
+        if report[0] != OPTIMAL:
+            raise_unless_optimal(command, report)
+        return Allocation(on_times, slack, cost.reshape(()), report[:1].reshape(()))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -140,13 +141,13 @@ class MinimumPulseMapper(CompiledMapper):
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         batch, m = command.shape
         answer = Solutions.empty(batch, m, effectiveness.shape[2], programs=True)
-        problem = Programs(command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost)
+        problem = command, effectiveness, max_on_time, self._fuel_cost, self._slack_cost
         settings = self.minimum_pulse, self.resolution or 0.0, self.max_nodes
-        in_threads(
-            lambda first, last: _search_range(problem, answer, settings, first, last), batch, self._threads
-        )
-        failed = np.isin(answer.report[:, 0], (NOT_FINITE, NOT_CONVERGED))
-        if failed.any():
+        work = partial(_search_range, problem, tuple(answer), settings)
+        in_threads(work, batch, self._threads)
+        status = answer.report[:, 0]
+        if status.any():
+            failed = (status == NOT_FINITE) | (status == NOT_CONVERGED)
             raise_unless_optimal(command[failed], answer.report[failed])
         return answer
 

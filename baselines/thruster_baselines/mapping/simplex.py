@@ -35,6 +35,7 @@ __all__ = [
     "Solutions",
     "in_threads",
     "solve_batch",
+    "solve_one",
     "solve_range",
 ]
 
@@ -130,6 +131,41 @@ def solve_batch(
     plain = tuple(problem), tuple(answer)  # which a call from Python takes sooner than named ones
     in_threads(lambda first, last: solve_range(*plain, first, last), batch, threads)
     return answer
+
+
+@kernel(nogil=True)
+def solve_one(
+    command: FloatArray,
+    effectiveness: FloatArray,
+    max_on_time: FloatArray,
+    fuel_cost: FloatArray,
+    slack_cost: FloatArray,
+    on_times: FloatArray,
+    slack: FloatArray,
+    cost: FloatArray,
+    report: IntArray,
+) -> None:
+    """Solve one problem, which a call from Python enters sooner than a batch of one.
+
+    Args:
+        command: (m,), m/s then rad/s.
+        effectiveness: (m, n), m/s^2 then rad/s^2.
+        max_on_time: (n,), s.
+        fuel_cost: (n,), per s.
+        slack_cost: (m,), per m/s then per rad/s.
+        on_times: (n,), s, written.
+        slack: (m,), written.
+        cost: (1,), written.
+        report: (3,), written: status, changes of basis, runs from bound to bound.
+    """
+    m, n = effectiveness.shape
+    w = np.empty(tableau_shape(m, n))
+    report[:] = 0
+    magnitude = start(w, command, effectiveness, max_on_time, fuel_cost, slack_cost)
+    solve_from_start(w, m, n, magnitude, report)
+    cost[0] = read(
+        w, magnitude, command, effectiveness, max_on_time, fuel_cost, slack_cost, report[0], on_times, slack
+    )
 
 
 @kernel(nogil=True)

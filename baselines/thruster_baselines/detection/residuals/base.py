@@ -71,7 +71,7 @@ class Sample(NamedTuple):
 
 
 class Monitor(NamedTuple):
-    """What is kept of each vehicle, (vehicles,) unless stated, as kernels take it.
+    """What is kept of each vehicle, (vehicles,) unless stated, in the order in which kernels take it.
 
     Attributes:
         effectiveness: (vehicles, 6, n), believed, m/s^2 then rad/s^2.
@@ -146,6 +146,11 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         self.isolation_time: FloatArray = np.full(vehicles, np.inf)
         self.refused: IntArray = np.zeros(vehicles, np.int64)
         self._attitude: FloatArray = np.zeros((vehicles, 4))
+        self._monitor = Monitor(
+            self.effectiveness, self._attitude, self.samples, self.refused, self.detected, self.thruster,
+            self.detection_time, self.isolation_time,
+        )  # fmt: skip
+        self._said: tuple[bytes, tuple[str, ...]] = b"", ()  # isolated thrusters, and kinds of their faults
 
     def constructor_arguments(self) -> dict[str, Any]:
         """The arguments with which to construct the like of it, with the threshold that it has now."""
@@ -202,6 +207,7 @@ class BaseNavigationDetector(RecordsArguments, ABC):
                 raise ValueError(f"the saved {name} has the shape {given}; {shape} would be right")
         for name, value in saved.items():
             own[name][...] = value
+        self._said = b"", ()
 
     def _memory(self) -> dict[str, NDArray[Any]]:
         """The arrays themselves, by name."""
@@ -224,17 +230,19 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         """
         if isinstance(open_rates, Telemetry):
             seen = open_rates
+            duties, position, attitude = (seen.need(name) for name in ("duties", "position", "attitude"))
+            rate, valid = seen.rate, seen.valid
         else:
-            seen = Telemetry(
-                self._period, duties=open_rates, position=position, attitude=attitude, rate=rate, valid=valid
-            )
-        told = self._rows(seen.need("duties"), self._n, "open_rates")
-        place = self._rows(seen.need("position"), 3, "position")
-        pointing = self._rows(seen.need("attitude"), 4, "attitude")
-        turning = self._no_rate if seen.rate is None else self._rows(seen.rate, 3, "rate")
+            duties = open_rates
+        if position is None or attitude is None:
+            raise TypeError("update must have telemetry, or open_rates, position and attitude")
+        told = self._rows(duties, self._n, "open_rates")
+        place = self._rows(position, 3, "position")
+        pointing = self._rows(attitude, 4, "attitude")
+        turning = self._no_rate if rate is None else self._rows(rate, 3, "rate")
         there = self._everywhere
-        if seen.valid is not None:
-            there = np.asarray(seen.valid, dtype=np.bool_)
+        if valid is not None:
+            there = np.asarray(valid, dtype=np.bool_)
             if there.shape != (self._vehicles,):
                 raise ValueError(f"valid has the shape {there.shape}; ({self._vehicles},) would be right")
         wrong = _first_wrong(told)
@@ -246,12 +254,6 @@ class BaseNavigationDetector(RecordsArguments, ABC):
             )
         return self._diagnose(Sample(told, place, pointing, turning, there))
 
-    def _monitor(self) -> Monitor:
-        return Monitor(
-            self.effectiveness, self._attitude, self.samples, self.refused, self.detected, self.thruster,
-            self.detection_time, self.isolation_time,
-        )  # fmt: skip
-
     @abstractmethod
     def _diagnose(self, sample: Sample) -> Verdict:
         """What to say of a checked sample."""
@@ -262,15 +264,19 @@ class BaseNavigationDetector(RecordsArguments, ABC):
 
     def _clear(self, mask: BoolArray) -> None:
         """Take back alarms and names, and drop the evidence, in the vehicles of a mask (vehicles,)."""
+        self._said = b"", ()
         self.detected[mask] = False
         self.thruster[mask] = 0
         self.detection_time[mask] = self.isolation_time[mask] = np.inf
 
     def _answer(
-        self, statistic: FloatArray, suspicion: FloatArray | None = None, shortfall: FloatArray | None = None
+        self,
+        statistic: FloatArray,
+        time: FloatArray,
+        suspicion: FloatArray | None = None,
+        shortfall: FloatArray | None = None,
     ) -> Verdict:
         shape = (self._vehicles, self._n)
-        time: FloatArray = np.asarray(self._period * (self.samples - 1), np.float64)
         return Verdict(
             self.detected.copy(),
             self.thruster.copy(),
@@ -278,12 +284,19 @@ class BaseNavigationDetector(RecordsArguments, ABC):
             time,
             np.zeros(shape) if suspicion is None else suspicion,
             np.zeros(shape) if shortfall is None else shortfall,
-            self._kinds(),
+            self._latched_kinds(),
         )
 
+    def _latched_kinds(self) -> tuple[str, ...]:
+        """Of each vehicle, the kind of fault, worked out anew where another thruster has been isolated."""
+        isolated = self.thruster.tobytes()
+        if isolated != self._said[0]:
+            self._said = isolated, self._kinds()
+        return self._said[1]
+
     def _kinds(self) -> tuple[str, ...]:
-        """Of each vehicle, the kind of fault where it can be told."""
-        return ()
+        """Of each vehicle, the kind of fault where a thruster is isolated and it can be told."""
+        return ("",) * self._vehicles
 
     def _rows(self, given: ArrayLike, size: int, name: str) -> FloatArray:
         return rows_of(np.ascontiguousarray(given, dtype=np.float64), self._vehicles, size, name)

@@ -23,7 +23,7 @@ import numpy as np
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import Monitor, NavigationSettings
 from thruster_baselines.detection.residuals.design import ResidualDesign
-from thruster_baselines.detection.residuals.norm_threshold import DesignName, History, NormThreshold
+from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
@@ -41,7 +41,7 @@ _SUM, _MAJORITY, _GLOBAL = 3, 4, 5  # after the three axes
 
 
 class _Voting(NamedTuple):
-    """How thrusters are voted for; see `CorrelationDetector`."""
+    """How thrusters are voted for, see `CorrelationDetector`, and the period, s."""
 
     window: int
     confirmations: int
@@ -50,6 +50,7 @@ class _Voting(NamedTuple):
     last_residual: bool
     idle_guard: float
     guard_before: bool
+    period: float
 
 
 class CorrelationDetector(NormThreshold):
@@ -110,15 +111,15 @@ class CorrelationDetector(NormThreshold):
         self.window, self.confirmations = int(window), int(confirmations)
         self.idle_guard = float(idle_guard)
         codes = {"x": 0, "y": 1, "z": 2, "sum": _SUM, "majority": _MAJORITY, "global": _GLOBAL}
-        self._how = _Voting(
-            self.window, self.confirmations, codes[vote], 1.0 if pick == "least" else -1.0,
-            residual == "last", self.idle_guard, guard_window == "before",
-        )  # fmt: skip
         vehicles = common.get("vehicles", 1)
         self.choice: IntArray = np.zeros(vehicles, np.int64)
         self._in_a_row: IntArray = np.zeros(vehicles, np.int64)
         self._idle: BoolArray = np.zeros((vehicles, 0), np.bool_)
         super().__init__(spacecraft, threshold, design=design, **common)
+        self._how = _Voting(
+            self.window, self.confirmations, codes[vote], 1.0 if pick == "least" else -1.0,
+            residual == "last", self.idle_guard, guard_window == "before", self._period,
+        )  # fmt: skip
 
     def _kept(self) -> int:
         return 2 * self.window + 1
@@ -129,17 +130,18 @@ class CorrelationDetector(NormThreshold):
             self._idle = np.zeros((self._vehicles, self._n), np.bool_)
         self.choice[mask] = self._in_a_row[mask] = 0
 
-    def _isolate(self, statistic: FloatArray) -> Verdict:
+    def _isolate(self, statistic: FloatArray, time: FloatArray) -> Verdict:
         work = partial(
-            _correlate, self._history(), self._monitor(), self._how, self._idle, self.choice, self._in_a_row
-        )
+            _correlate, self._history, tuple(self._monitor), tuple(self._how), self._idle, self.choice,
+            self._in_a_row,
+        )  # fmt: skip
         in_threads(work, self._vehicles)
-        return self._answer(statistic)
+        return self._answer(statistic, time)
 
 
 @kernel(nogil=True)
 def _correlate(
-    history: History,
+    history: tuple[FloatArray, FloatArray],
     monitor: Monitor,
     how: _Voting,
     idle: BoolArray,
@@ -148,9 +150,9 @@ def _correlate(
     first: int,
     last: int,
 ) -> None:
-    residuals, rates, period = history
+    residuals, rates = history
     effectiveness, _, samples, _, detected, thruster, detection_time, isolation_time = monitor
-    window, confirmations, vote, sign, last_residual, idle_guard, guard_before = how
+    window, confirmations, vote, sign, last_residual, idle_guard, guard_before, period = how
     kept, n = rates.shape[1:]  # kept is 2 N + 1
     score, mean = np.empty((_SUM + 1, n)), np.empty(n)
     votes = np.empty(_SUM + 1, np.int64)

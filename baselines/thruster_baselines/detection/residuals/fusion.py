@@ -31,7 +31,7 @@ from thruster_baselines.detection.residuals.base import (
     nominal_delay,
     take_attitude,
 )
-from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, Course, compare_kinds
+from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, compare_kinds
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
@@ -103,21 +103,22 @@ class _Tuning(NamedTuple):
 
 
 class _Filters(NamedTuple):
-    """Matrices of the filters, gains by age, errors and scales of onsets.
+    """Matrices and errors of the filters; kernels are called with all of them in one array.
 
     Attributes:
         motion: (6, 9), position and velocity over a period.
         spin: (2, 3, 3), inertia and its inverse.
-        gains: (samples, 4).
         noise: (4,): variances of rate and torque, the bias's rate of learning, the share error.
-        scales: Samples after which sums restart.
     """
 
     motion: FloatArray
     spin: FloatArray
-    gains: FloatArray
     noise: FloatArray
-    scales: IntArray
+
+
+@njit(forceinline=True)
+def _open_filters(numbers: FloatArray) -> _Filters:
+    return _Filters(numbers[:54].reshape(6, 9), numbers[54:72].reshape(2, 3, 3), numbers[72:])
 
 
 class _Memory(NamedTuple):
@@ -203,15 +204,15 @@ class FusionDetector(BaseNavigationDetector):
         torque = disturbance * float(np.linalg.norm(columns[3:], axis=0).mean())
         idle = timing * float(np.sqrt(np.square(columns[3:]).sum(axis=1)).mean()) / 3.0
         self._gains = _gains_by_age(period, sensors.position, force, math.hypot(sensors.rate, idle), torque)
-        self._noise = np.array([sensors.rate**2, (period * torque) ** 2, 1.0 / bias_time, share_error])
+        noise = np.array([sensors.rate**2, (period * torque) ** 2, 1.0 / bias_time, share_error])
         self._timing = float(timing)
-        self._motion = np.hstack([transition_matrix(motion, period), force_response(motion, period)])
+        steps = np.hstack([transition_matrix(motion, period), force_response(motion, period)])
         inertia = np.array(self.spacecraft.inertia)
-        self._spin = np.stack([inertia, np.linalg.inv(inertia)])
+        spin = np.stack([inertia, np.linalg.inv(inertia)])
+        self._filters = np.concatenate([one.ravel() for one in _Filters(steps, spin, noise)])
         n = self._n
         self._states: FloatArray = np.zeros((vehicles, _STATES))
         self._begun: IntArray = np.full(vehicles, -1, np.int64)
-        self._scales: IntArray = np.array(_SCALES)
         self._sums: FloatArray = np.zeros((vehicles, 2 * len(_SCALES), _SUM))
         self._sluggish: FloatArray = np.zeros((vehicles, _SLUGGISH_ROWS, n))
         # the thruster that is ahead, and in how many samples in a row; below 0 in how many it is asked again
@@ -223,6 +224,10 @@ class FusionDetector(BaseNavigationDetector):
         self._seen: FloatArray = np.zeros((_KEPT, vehicles, 10))
         self.share: FloatArray = np.zeros((vehicles, n))
         self._kind: IntArray = np.zeros(vehicles, np.int64)  # of the named thruster, when it was named
+        self._kept = _Memory(
+            self._states, self._begun, self._sums, self._sluggish, self._commands, self._newest, self._rates,
+            self._seen, self._ahead, self.share,
+        )  # fmt: skip
         self.reset()
 
     def identify(self, thruster: ArrayLike | None = None) -> Identification:
@@ -255,11 +260,11 @@ class FusionDetector(BaseNavigationDetector):
         alarms[self.detected] = np.round(self.detection_time[self.detected] / self._period)
         work = partial(
             compare_kinds,
-            Course(
+            (
                 self._rates, self._seen, self._newest, self._begun, self._gains, self.effectiveness,
                 self.lag, self._period,
             ),
-            alarms, vehicles, thrusters, GRIDS, statistic, severity,
+            alarms, vehicles, thrusters, tuple(GRIDS), statistic, severity,
         )  # fmt: skip
         in_threads(work, vehicles.size)
         return statistic, severity
@@ -281,25 +286,22 @@ class FusionDetector(BaseNavigationDetector):
 
     def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
+        time = np.empty(self._vehicles)
         suspicion = np.zeros((self._vehicles, self._n))
+        shortfall = np.empty((self._vehicles, self._n))
         asked = np.zeros(1, np.int64)  # whether some thruster is ahead for long enough
+        tuning = (
+            self.use_rate and sample.rate is not self._no_rate, self._period, self.settle, self.threshold,
+            self.margin, self.confirmations, self.lag, self._timing,
+        )  # fmt: skip
         work = partial(
-            _monitor_samples, sample, self._monitor(),
-            _Tuning(
-                self.use_rate and sample.rate is not self._no_rate, self._period, self.settle,
-                self.threshold, self.margin, self.confirmations, self.lag, self._timing,
-            ),
-            _Filters(self._motion, self._spin, self._gains, self._noise, self._scales),
-            _Memory(
-                self._states, self._begun, self._sums, self._sluggish, self._commands, self._newest,
-                self._rates, self._seen, self._ahead, self.share,
-            ),
-            suspicion, statistic, asked,
+            _monitor_samples, tuple(sample), tuple(self._monitor), tuning, self._filters, self._gains,
+            tuple(self._kept), (statistic, time, suspicion, shortfall, asked),
         )  # fmt: skip
         in_threads(work, self._vehicles)
         if asked[0]:
             self._name(np.flatnonzero((self._ahead[:, 1] >= self.confirmations) & (self.thruster == 0)))
-        return self._answer(statistic, suspicion, -self._period * self.share)
+        return self._answer(statistic, time, suspicion, shortfall)
 
     def _name(self, vehicles: IntArray) -> None:
         """Name the thruster that is likeliest by its whole course, if it is far enough ahead."""
@@ -344,14 +346,19 @@ def _gains_by_age(period: float, position: float, force: float, rate: float, tor
 
 @kernel(nogil=True)
 def _monitor_samples(  # type: ignore[no-untyped-def]
-    sample, monitor, tuning, filters, memory, suspicion, statistic, asked, first, last
+    sample, monitor, tuning, filters, gains, memory, scores, first, last
 ):
-    """One sample of each vehicle: filters, sums since onsets, alarms; see docs/derivations."""
+    """One sample of each vehicle: filters, sums since onsets, alarms; see docs/derivations.
+
+    Those before the last two are plain tuples and arrays of `Sample`, `Monitor`, `_Tuning`, `_Filters`, the
+    gains, `_Memory`, and what is written.
+    """
     open_rates, position, attitude, rate, valid = sample
     effectiveness, last_attitude, samples, refused, detected, thruster, detection_time, _ = monitor
     use_rate, period, settle, threshold, margin, confirmations, lag, timing = tuning
-    motion, spin, gains, noise, scales = filters
+    motion, spin, noise = _open_filters(filters)
     states, begun, sums, sluggish, commands, newest, rates, seen, ahead, share = memory
+    statistic, clock, suspicion, shortfall, asked = scores
     n, kept, latest, after = open_rates.shape[1], rates.shape[0], commands.shape[0], _AFTER
     quick, fade = period / _SLOW, math.exp(-period / _SLOW)
     before, e, momentum, weight = np.empty(9), np.empty(6), np.empty(3), np.empty(3)
@@ -359,6 +366,7 @@ def _monitor_samples(  # type: ignore[no-untyped-def]
     for v in range(first, last):
         number = samples[v]
         samples[v] += 1
+        clock[v] = number * period
         keep = not detected[v] or number * period < detection_time[v] + (after + 0.5) * period
         slot = number % kept
         for i in range(n):
@@ -379,6 +387,8 @@ def _monitor_samples(  # type: ignore[no-untyped-def]
         if begun[v] < 0:
             for j in range(seen.shape[2]):
                 seen[slot, v, j] = 0.0
+            for i in range(n):
+                shortfall[v, i] = -period * share[v, i]
             if there:
                 begun[v] = number
                 for j in range(_STATES):
@@ -553,10 +563,12 @@ def _monitor_samples(  # type: ignore[no-untyped-def]
                     ahead[v, 0], ahead[v, 1] = who + 1, 1
                 if ahead[v, 1] >= confirmations:
                     asked[0] = 1
+        for i in range(n):
+            shortfall[v, i] = -period * share[v, i]
         # sums that begin anew
-        for j in range(scales.size):
-            if number % scales[j] == 0:
-                m = 2 * j + (number // scales[j]) % 2
+        for j in range(len(_SCALES)):
+            if number % _SCALES[j] == 0:
+                m = 2 * j + (number // _SCALES[j]) % 2
                 for k in range(sums.shape[2]):
                     sums[v, m, k] = 0.0
 

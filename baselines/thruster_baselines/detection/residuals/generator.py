@@ -37,6 +37,7 @@ class Observers:
         states: (vehicles, s).
         held: (vehicles, late, 3), commands that have not entered yet, m/s^2; the oldest first.
         begun: (vehicles,), whether there has been a first sample.
+        arrays: All of them, in the order in which `observe` takes them.
     """
 
     def __init__(self, design: ResidualDesign, vehicles: int) -> None:
@@ -49,11 +50,7 @@ class Observers:
         self.states: FloatArray = np.zeros((vehicles, design.states))
         self.held: FloatArray = np.zeros((vehicles, design.late, 3))
         self.begun: BoolArray = np.zeros(vehicles, np.bool_)
-
-    @property
-    def arrays(self) -> tuple[Any, ...]:
-        """All of them, in the order in which `observe` takes them."""
-        return (*self.matrices, self.states, self.held, self.begun)
+        self.arrays: tuple[Any, ...] = (*self.matrices, self.states, self.held, self.begun)
 
 
 class ResidualGenerator:

@@ -19,7 +19,7 @@ from numba import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray, IntArray
 
-__all__ = ["FUSION_KINDS", "GRIDS", "NONE", "Course", "compare_kinds"]
+__all__ = ["FUSION_KINDS", "GRIDS", "NONE", "compare_kinds"]
 
 FUSION_KINDS = ("none", "stuck_off", "stuck_on", "loss", "leak", "late_opening", "slow_opening")
 """What `FusionDetector.identify` tells apart, named as in `thruster_envs.faults`.
@@ -72,7 +72,7 @@ GRIDS = Grids(*(np.array(one) for one in (_LEVELS, _LOST_TIMES, _DELAYS, _TIME_C
 
 
 class Course(NamedTuple):
-    """What is kept of flights: rings (kept, vehicles, ...), and their filters.
+    """What is kept of flights: rings (kept, vehicles, ...), and their filters; a plain tuple for kernels.
 
     Attributes:
         rates: (kept, vehicles, n), duties.

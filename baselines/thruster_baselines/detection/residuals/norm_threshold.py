@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias, Unpack
+from typing import Any, Literal, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,6 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["DesignName", "NormThreshold", "margin_threshold", "named_design"]
 
 DesignName: TypeAlias = Literal["pade", "observer", "undelayed"]
-
-
-class History(NamedTuple):
-    """Residuals (vehicles, kept, 3) and duties (vehicles, kept, n) in rings, and the period, s."""
-
-    residuals: FloatArray
-    rates: FloatArray
-    period: float
 
 
 class NormThreshold(BaseNavigationDetector):
@@ -80,6 +72,7 @@ class NormThreshold(BaseNavigationDetector):
         self.residual: FloatArray = np.zeros((vehicles, 3))
         self._residuals: FloatArray = np.zeros((vehicles, kept, 3))  # rings, by the number of the sample
         self._rates: FloatArray = np.zeros((vehicles, kept, self._n))
+        self._history = self._residuals, self._rates
         self.reset()
 
     def _kept(self) -> int:
@@ -96,19 +89,19 @@ class NormThreshold(BaseNavigationDetector):
 
     def _diagnose(self, sample: Sample) -> Verdict:
         statistic = np.zeros(self._vehicles)
+        time = np.empty(self._vehicles)
         work = partial(
-            _measure, sample, self._monitor(), self._observers.arrays,
-            (self._period, self.settle, self.threshold), self._history(), self.residual, statistic,
+            _measure, tuple(sample), tuple(self._monitor), self._observers.arrays,
+            (self._period, self.settle, self.threshold), self._history, (self.residual, statistic, time),
         )  # fmt: skip
         in_threads(work, self._vehicles)
-        return self._isolate(statistic) if self.detected.any() else self._answer(statistic)
+        if np.count_nonzero(self.detected):
+            return self._isolate(statistic, time)
+        return self._answer(statistic, time)
 
-    def _history(self) -> History:
-        return History(self._residuals, self._rates, self._period)
-
-    def _isolate(self, statistic: FloatArray) -> Verdict:
+    def _isolate(self, statistic: FloatArray, time: FloatArray) -> Verdict:
         """Name a thruster in the vehicles with an alarm, where one can be named."""
-        return self._answer(statistic)
+        return self._answer(statistic, time)
 
 
 def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
@@ -136,12 +129,16 @@ def named_design(spacecraft: Spacecraft, name: DesignName) -> ResidualDesign:
 
 @kernel(nogil=True)
 def _measure(  # type: ignore[no-untyped-def]
-    sample, monitor, observers, limits, history, residual, statistic, first, last
+    sample, monitor, observers, limits, history, found, first, last
 ):
-    """Residuals and their lengths (vehicles,), and alarms at limits of period, settling and threshold."""
+    """Residuals, their lengths and times (vehicles,); alarms at limits of period, settling and threshold.
+
+    All are plain tuples: `Sample`, `Monitor`, `Observers.arrays`, the limits, rings of residuals
+    (vehicles, kept, 3) and of duties (vehicles, kept, n), and what is written.
+    """
     open_rates, position, attitude, _, valid = sample
     effectiveness, last_attitude, samples, refused, detected, _, detection_time, _ = monitor
-    (period, settle, threshold), (residuals, rates, _) = limits, history
+    (period, settle, threshold), (residuals, rates), (residual, statistic, when) = limits, history, found
     kept, n = residuals.shape[1], open_rates.shape[1]
     for v in range(first, last):
         y = (position[v, 1], -position[v, 2], -position[v, 0])
@@ -161,6 +158,7 @@ def _measure(  # type: ignore[no-untyped-def]
             rates[v, slot, i] = open_rates[v, i]
         time = samples[v] * period
         samples[v] += 1
+        when[v] = time
         if time < settle:
             continue
         statistic[v] = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])

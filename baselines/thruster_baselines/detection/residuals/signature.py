@@ -24,7 +24,7 @@ from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.residuals.base import Monitor, NavigationSettings, nominal_delay
 from thruster_baselines.detection.residuals.design import ResidualDesign
 from thruster_baselines.detection.residuals.generator import turned_direction
-from thruster_baselines.detection.residuals.norm_threshold import DesignName, History, NormThreshold
+from thruster_baselines.detection.residuals.norm_threshold import DesignName, NormThreshold
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require, suggestion
 from thruster_envs.kernels import kernel
@@ -39,13 +39,14 @@ _C1, _C2, _S11, _S12, _S22 = range(5)
 
 
 class _Search(NamedTuple):
-    """What is looked for: the channel of a force through the observer, onsets, lag, codes of kinds, N_c."""
+    """The channel of a force through the observer, onsets, lag, codes of kinds, N_c, and the period, s."""
 
     channel: FloatArray
     onsets: IntArray
     lag: int
     codes: IntArray
     confirmations: int
+    period: float
 
 
 class _Found(NamedTuple):
@@ -121,6 +122,10 @@ class SignatureDetector(NormThreshold):
         ways, size = len(onsets), entry.size
         self._states: FloatArray = np.zeros((vehicles, ways, self._n + 1, size))
         self._sums: FloatArray = np.zeros((vehicles, ways, 5, self._n))
+        self._search = _Search(
+            self._channel, self._onsets, self.lag, self._codes, self.confirmations, self._period
+        )
+        self._found = _Found(self._states, self._sums, self._choice, self.kind, self.share)
 
     def _kept(self) -> int:
         return int(self._onsets.max()) + self.lag + 2
@@ -130,25 +135,23 @@ class SignatureDetector(NormThreshold):
         self.kind[mask] = self._choice[mask] = 0
         self.share[mask] = 0.0
 
-    def _isolate(self, statistic: FloatArray) -> Verdict:
+    def _isolate(self, statistic: FloatArray, time: FloatArray) -> Verdict:
         suspicion = np.zeros((self._vehicles, self._n))
         shortfall = np.zeros((self._vehicles, self._n))
         work = partial(
-            _match, self._history(), self._monitor(),
-            _Search(self._channel, self._onsets, self.lag, self._codes, self.confirmations),
-            _Found(self._states, self._sums, self._choice, self.kind, self.share), suspicion, shortfall,
+            _match, self._history, tuple(self._monitor), tuple(self._search), tuple(self._found), suspicion,
+            shortfall,
         )  # fmt: skip
         in_threads(work, self._vehicles)
-        return self._answer(statistic, suspicion, shortfall)
+        return self._answer(statistic, time, suspicion, shortfall)
 
     def _kinds(self) -> tuple[str, ...]:
-        named = np.where(self.detected & (self.thruster > 0), self.kind, 0)
-        return tuple(("", *self.kinds)[one] for one in named)
+        return tuple(("", *self.kinds)[one] for one in self.kind * (self.thruster > 0))
 
 
 @kernel(nogil=True)
 def _match(
-    history: History,
+    history: tuple[FloatArray, FloatArray],
     monitor: Monitor,
     search: _Search,
     found: _Found,
@@ -157,9 +160,9 @@ def _match(
     first: int,
     last: int,
 ) -> None:
-    residuals, rates, period = history
+    residuals, rates = history
     effectiveness, attitude, samples, _, detected, thruster, detection_time, isolation_time = monitor
-    channel, onsets, lag, codes, confirmations = search
+    channel, onsets, lag, codes, confirmations, period = search
     states, sums, choice, kind, share = found
     kept, n = rates.shape[1:]
     size = channel.shape[0]
