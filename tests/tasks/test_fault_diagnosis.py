@@ -290,6 +290,7 @@ def test_the_scripted_pilot_could_be_ones_own():
     def pilot(sight):
         law = scripted.state.model.pilot
         data = np.zeros((1, at.DUTIES + 12, 6))
+        data[0, at.FRAME_RATE + 1] = scripted.task.vehicle.mean_motion
         data[0, at.MEASURED : at.MEASURED + 13] = np.concatenate(
             (sight.position, sight.velocity, sight.attitude, sight.rate), axis=1
         ).T

@@ -119,7 +119,6 @@ class Worlds:
         self._commanded = slice(task.first_commanded, task.first_commanded + len(task.agents))
         shape = (number, len(task.agents), task.fault_slots)
         self._whole, self._real = np.zeros((4, *shape), np.int64), np.zeros((2, *shape))
-        self._described = _Described.of(self._whole, self._real)
         self.keys = np.zeros((number, 2), np.uint64)
         self.episodes = np.zeros(number, np.uint64)
         self.steps = np.zeros(number, np.int64)
@@ -385,7 +384,7 @@ class Worlds:
     def save(self) -> dict[str, NDArray[Any]]:
         """Everything that later steps depend on, as copies by name."""
         own = {name: getattr(self, name).copy() for name in ("keys", "episodes", "steps")}
-        told = {f"told.{name}": array.copy() for name, array in self._described._asdict().items()}
+        told = {f"told.{name}": array.copy() for name, array in self._describe()._asdict().items()}
         flags = {"seeded": np.array(self.seeded), "begun": np.array(self.begun)}
         return self.state.save() | own | told | flags
 
@@ -403,12 +402,15 @@ class Worlds:
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]
         self.seeded, self.begun = bool(saved["seeded"]), bool(saved["begun"])
-        for name, array in self._described._asdict().items():
+        for name, array in self._describe()._asdict().items():
             array[...] = saved[f"told.{name}"]
+
+    def _describe(self) -> _Described:
+        return _Described.of(self._whole, self._real)
 
     def _tell(self, which: NDArray[np.int64]) -> None:
         """Note the faults with which the episodes of some worlds begin."""
-        self.fleet.describe_faults(which, self.task.first_commanded, tuple(self._described))
+        self.fleet.describe_faults(which, self.task.first_commanded, tuple(self._describe()))
 
 
 class _Described(NamedTuple):
