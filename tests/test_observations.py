@@ -174,3 +174,12 @@ def test_readers_travel_with_the_pilots_that_have_one():
 def test_rows_of_a_page_count_on():
     fields = (Field("a", "first", 1), Field("b", "second", 2, "m", 0.5, bound=3.0, lowest=0.0))
     assert page_rows(fields) == ["| 0 | first | -1 | 1 | 1 |", "| 1-2 | second | 0 | 3 | 0.5 m |"]
+
+
+def test_a_reader_takes_what_gym_make_takes_and_gymnasiums_own_batches():
+    identifier = "thruster_envs/OrionRendezvous-v0"
+    own = Reader.of(identifier, render_mode="rgb_array", flat_info=True, max_episode_steps=3)
+    assert own.fields == Reader.of(identifier).fields
+    batch = gym.make_vec(identifier, num_envs=2, vectorization_mode="sync", start=(100.0, 0.0, 0.0))
+    observations, _ = batch.reset(seed=0)
+    np.testing.assert_allclose(Reader.of(batch)(observations).position[:, 0], 100.0, atol=5.0)

@@ -15,6 +15,7 @@ from thruster_envs.faults import FaultDistribution
 from thruster_envs.observations import Reader
 from thruster_envs.registration import ENVIRONMENTS, make_parallel, register
 from thruster_envs.rollout import fly
+from thruster_envs.tasks import OrionRendezvous, Task
 from thruster_envs.testing import check_parallel_env, check_vector_env
 from thruster_envs.views import get_state, set_state
 
@@ -181,7 +182,12 @@ def test_bad_input_is_one_clear_line(own, team):
         ((ID, dict), {}, TypeError, "task must be a subclass of Task"),
         (("CartPole-v1", own.Detumble), {}, ValueError, "identifier must be new, got 'CartPole-v1'"),
         ((ID, own.Detumble), {"rat": 1.0}, TypeError, "unexpected keyword argument 'rat'"),
-        ((ID, own.Detumble), {"max_episode_steps": 0}, ValueError, "max_episode_steps must be at least 1"),
+        (
+            (ID, own.Detumble),
+            {"max_episode_steps": 0},
+            ValueError,
+            "max_episode_steps must be at least 1 and",
+        ),
         (("mine/Crowd-v0", team.Crowd), {}, ValueError, "one_agent of Crowd must leave one agent"),
     )
     for arguments, settings, error, says in cases:
@@ -194,3 +200,12 @@ def test_bad_input_is_one_clear_line(own, team):
         getattr(single, "nowhere/Nothing")
     with pytest.raises(AttributeError, match="must be a subclass of Task, got <class"):
         getattr(single, "pathlib/Path")
+
+
+def test_a_registration_that_is_refused_changes_nothing():
+    for identifier, limit in (("mine/no good", None), ("mine/Odd-v0", 2.5), ("mine/Odd-v0", "x"), (5, None)):
+        with pytest.raises((ValueError, TypeError), match="must be"):
+            register(identifier, OrionRendezvous, max_episode_steps=limit)
+        assert identifier not in gym.registry
+    with pytest.raises(TypeError, match="must be a subclass of Task"):
+        register("mine/Odd-v0", Task)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import wraps
 from operator import attrgetter
@@ -10,6 +11,12 @@ from typing import Any, TypeVar
 __all__ = ["with_old_names"]
 
 _Class = TypeVar("_Class", bound=type)
+
+
+def _is_replacing() -> bool:
+    """Whether :func:`dataclasses.replace` constructs, which gives every field under its new name too."""
+    caller = sys._getframe(2)
+    return caller.f_globals.get("__name__") == "dataclasses" and "replace" in caller.f_code.co_name
 
 
 def with_old_names(**names: str) -> Callable[[_Class], _Class]:
@@ -26,7 +33,7 @@ def with_old_names(**names: str) -> Callable[[_Class], _Class]:
         def init(self: Any, *args: Any, **kwargs: Any) -> None:
             for old, new in names.items():
                 if old in kwargs:
-                    if new in kwargs:
+                    if new in kwargs and not _is_replacing():
                         raise TypeError(f"{cls.__name__} got both {new!r} and its old name {old!r}")
                     kwargs[new] = kwargs.pop(old)
             construct(self, *args, **kwargs)

@@ -131,7 +131,8 @@ class Reader:
         Args:
             environment: Any environment of this suite, of any view and within any wrappers; or an id of
                 Gymnasium's, for which no environment is made.
-            **settings: Of the task, where an id is given: the arguments that ``gym.make`` would have.
+            **settings: Of the task, where an id is given: the arguments that ``gym.make`` would have. Those
+                of views alone, such as ``render_mode``, change nothing.
 
         Raises:
             ValueError: Another environment; a setting that cannot be.
@@ -146,6 +147,9 @@ class Reader:
             raise TypeError(f"settings must be empty beside an environment, got {', '.join(settings)}")
         else:
             task = getattr(getattr(environment, "unwrapped", environment), "task", None)
+            spec: Any = getattr(environment, "spec", None)
+            if task is None and isinstance(getattr(spec, "id", None), str):  # one of Gymnasium's own batches
+                task = _task_of_id(spec.id, dict(spec.kwargs))
         fields = getattr(task, "observation_fields", None)
         if fields is None:
             raise ValueError(f"environment must be one of thruster_envs or its id, got {environment}")
@@ -285,4 +289,12 @@ def _task_of_id(identifier: str, settings: dict[str, Any]) -> Any:
     spec = gym.spec(identifier)
     creator = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
     task_of = getattr(creator, "task_of", None)
-    return None if task_of is None else task_of(**(spec.kwargs | settings))
+    given = {name: value for name, value in (spec.kwargs | settings).items() if name not in _OF_VIEWS}
+    return None if task_of is None else task_of(**given)
+
+
+#: Arguments of ``gym.make`` and ``gym.make_vec`` that are not settings of a task.
+_OF_VIEWS = frozenset({
+    "render_mode", "flat_info", "max_episode_steps", "disable_env_checker", "num_envs", "vectorization_mode",
+    "vector_kwargs", "wrappers", "autoreset_mode", "threads",
+})  # fmt: skip

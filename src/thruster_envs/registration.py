@@ -13,7 +13,6 @@ there is nothing to write but the task:
 
 from __future__ import annotations
 
-import math
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -95,13 +94,20 @@ def register(identifier: str, task: Any, *, max_episode_steps: int | None = None
     from thruster_envs.tasks import Task
     from thruster_envs.views.single import make_task
 
-    if not (isinstance(task, type) and issubclass(task, Task)) or "." in task.__qualname__:
+    if not isinstance(identifier, str):
+        raise TypeError(f"identifier must be a string, got {identifier!r}")
+    try:
+        gym.envs.registration.parse_env_id(identifier)
+    except gym.error.Error as error:
+        raise ValueError(f"identifier must be like namespace/Name-v0, got {identifier!r}") from error
+    own = isinstance(task, type) and issubclass(task, Task) and task is not Task
+    if not own or "." in task.__qualname__:
         raise TypeError(f"task must be a subclass of Task at the top level of a module, got {task!r}")
     if identifier in gym.registry and identifier not in _OWN:
         raise ValueError(f"identifier must be new, got {identifier!r}, which is registered elsewhere")
     limit = task.max_episode_steps if max_episode_steps is None else max_episode_steps
-    if limit is not None and not 1 <= limit < math.inf:
-        raise ValueError(f"max_episode_steps must be at least 1, got {limit!r}")
+    if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
+        raise ValueError(f"max_episode_steps must be at least 1 and whole, got {limit!r}")
     alone = make_task(task, settings, task.one_agent, (), task.__name__)
     if len(alone.agents) != 1:
         raise ValueError(

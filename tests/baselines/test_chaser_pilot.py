@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -153,6 +155,7 @@ def test_a_weak_thruster_still_gives_the_wrench_that_is_asked_for():
 
 
 def test_settings_take_their_names_of_before():
+    assert dataclasses.replace(RecoverySettings(), swing=5.0) == RecoverySettings(transient=5.0)
     settings = RecoverySettings(mouth=0.3, swing=5.0)
     assert settings == RecoverySettings(corridor_radius=0.3, transient=5.0)
     assert (settings.mouth, settings.swing, settings.widening) == (0.3, 5.0, settings.corridor_slope)

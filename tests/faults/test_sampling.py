@@ -279,3 +279,11 @@ def test_no_wheel_fails_twice_while_a_thruster_of_its_number_may():
         assert sum(kind == "wheel_stuck" for kind, _ in pairs) <= 2
     with pytest.raises(ValueError, match="at most 2, the actuators that may fail"):
         FaultDistribution(kinds=("wheel_stuck",), count=(3, 3)).encode(THRUSTERS, wheels=2)
+
+
+def test_there_are_as_many_faults_as_are_drawn_while_anything_is_left_to_fail():
+    law = {"probability": 1.0, "kinds": ("stuck_off", "wheel_stuck", "gimbal_lock"), "thrusters": (5,)}
+    for faults in drawn(worlds=500, count=(4, 4), wheels=2, gyros=1, **law):
+        assert sorted((fault.kind, fault.thruster) for fault in faults) == [
+            ("gimbal_lock", 1), ("stuck_off", 5), ("wheel_stuck", 1), ("wheel_stuck", 2),
+        ]  # fmt: skip

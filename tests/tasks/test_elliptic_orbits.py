@@ -194,3 +194,16 @@ def test_the_pilot_of_a_formation_holds_its_slots_about_an_ellipse():
             away = worlds.fleet.read(at.POSITION, 3)[0, 1:] - worlds.state.slots[0, 1:, :3]
             kept.append(np.linalg.norm(away, axis=-1).max() < 1.0)
     assert np.mean(kept) > 0.9
+
+
+def test_with_j2_the_anomaly_counts_from_the_perigee_of_the_vehicle():
+    orbit = Orbit(
+        semi_major_axis=7500e3, inclination=1.0, argument_of_perigee=0.4, true_anomaly=1.0,
+        true_anomaly_dispersion=0.5, j2=EARTH_J2, planet_radius=EARTH_RADIUS,
+    )  # fmt: skip
+    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=load("orion").replace(orbit=orbit))
+    starts = [env.reset(seed=seed)[1]["orbit"]["true_anomaly"] for seed in range(8)]
+    assert len(set(starts)) == 8
+    assert all(0.5 <= start <= 1.5 for start in starts)
+    after = env.step(-np.ones(12, np.float32))[4]["orbit"]["true_anomaly"]
+    assert after - starts[-1] == pytest.approx(5.0 * orbit.mean_motion, rel=0.01)

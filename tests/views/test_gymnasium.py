@@ -361,7 +361,15 @@ def buffers(worlds):
     state, model = worlds.state, getattr(worlds.state, "model", None)
     own = [array for _, array in state.own()]
     own += [value for value in vars(model).values() if isinstance(value, np.ndarray)]
-    own += [worlds.fleet.data, worlds.fleet.faults, worlds.keys, worlds.steps, worlds.episodes, *worlds._told]
+    own += [
+        worlds.fleet.data,
+        worlds.fleet.faults,
+        worlds.keys,
+        worlds.steps,
+        worlds.episodes,
+        worlds._whole,
+        worlds._real,
+    ]
     return own
 
 

@@ -4,8 +4,9 @@ With the given probability a world draws a number of faults, uniform over `count
 independently of the others, its craft (uniform), its kind (by weight), its severity, onset, duration,
 profile time and dwell (uniform over their ranges), its profile (uniform over `profiles`; the kind
 `intermittent` has its own), its azimuth (uniform over the circle) and its thruster, or by its kind its
-reaction wheel or control-moment gyro (uniform over those of its craft that have no fault yet). Either all
-faults or none strike all thrusters on the same capacitor.
+reaction wheel or control-moment gyro (uniform over those of its craft that have no fault yet; where there
+are none left, a kind of the other actuators is drawn). Either all faults or none strike all thrusters on the
+same capacitor.
 Independently of that, with the probability `sensor_probability` it draws a number of faults of sensors,
 uniform over `sensor_count`, each with its craft, sensor, axis, kind and severity; onset, duration, profile,
 profile time and dwell are drawn from the same ranges. The draws themselves are made by the environments, from

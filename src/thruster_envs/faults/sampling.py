@@ -36,9 +36,15 @@ def draw_faults(rows, distribution, thrusters, episode, key_low, key_high):
         for number in range(count):
             _uniforms(uniform, number + 1, FAULTS, episode, key_low, key_high)
             craft = int(uniform[0] * rows.shape[0])
-            kind = _choice(distribution, table.KIND_CUMULATIVE, _KINDS, uniform[2])
+            if used[craft] == rows.shape[1]:
+                continue
+            kind, own = _choice(distribution, table.KIND_CUMULATIVE, _KINDS, uniform[2]), 0
             thruster = _actuator(rows, distribution, thrusters, kind + 1, craft, used[craft], uniform[1])
-            if thruster < 0 or used[craft] == rows.shape[1]:
+            while thruster < 0 and own < _ACTUATORS:  # all of that kind have failed: another kind of actuator
+                kind = _choice_of(distribution, own, kind, uniform[2])
+                thruster = _actuator(rows, distribution, thrusters, kind + 1, craft, used[craft], uniform[1])
+                own += 1
+            if thruster < 0:
                 continue
             row = rows[craft, used[craft]]
             used[craft] += 1
@@ -136,6 +142,22 @@ def _choice(distribution, first, length, uniform):
 
 
 @njit
+def _choice_of(distribution, own, kind, uniform):
+    """Index of a kind of fault of one kind of actuator, by their weights; ``kind`` if these are 0."""
+    first, total, below = table.KIND_CUMULATIVE, 0.0, 0.0
+    for k in range(_KINDS):
+        if _own(k + 1) == own:
+            total += distribution[first + k] - (distribution[first + k - 1] if k > 0 else 0.0)
+    for k in range(_KINDS):
+        if _own(k + 1) == own:
+            weight = distribution[first + k] - (distribution[first + k - 1] if k > 0 else 0.0)
+            below += weight
+            if weight > 0.0 and uniform * total < below:
+                return k
+    return kind
+
+
+@njit
 def _actuator(rows, distribution, thrusters, kind, craft, used, uniform):
     """Index of an actuator that may have that kind of fault and has none yet, all equally likely.
 
@@ -163,7 +185,7 @@ def _actuator(rows, distribution, thrusters, kind, craft, used, uniform):
     return candidates[int(uniform * free)] if free > 0 else -1
 
 
-_THRUSTER, _WHEEL, _GYRO = range(3)
+_THRUSTER, _WHEEL, _GYRO, _ACTUATORS = range(4)
 
 
 @njit

@@ -530,10 +530,11 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
     constants = scalar_constants(spacecraft, max_substep)
     wanted = period * substep_rate.py_func(rate, acceleration, constants)
     if not wanted <= MOST_SUBSTEPS:
+        whose = "thrusters, wheels and gyros" if spacecraft.stores_momentum else "thrusters"
         raise ValueError(
-            f"the thrusters of {name!r} can turn it to {rate:.3g} rad/s in a control period of {period:g} s, "
+            f"the {whose} of {name!r} can turn it to {rate:.3g} rad/s in a control period of {period:g} s, "
             f"which takes {wanted:.3g} integration sub-steps and must take at most {MOST_SUBSTEPS}; "
-            "a larger inertia, weaker thrusters or a shorter control_period would do"
+            f"a larger inertia, weaker {whose} or a shorter control_period would do"
         )
 
 

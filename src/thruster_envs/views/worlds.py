@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from thruster_envs.views.inputs import NotReset, checked_options
 from thruster_envs.views.storage import Storage
 
 _LOW = 2**64 - 1
-_ANOMALY = Ellipse._fields.index("anomaly")
+_ANOMALY, _ANGLE = Ellipse._fields.index("anomaly"), Ellipse._fields.index("angle")
 _NO_LIMIT = 2**62
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
@@ -291,7 +292,7 @@ class Worlds:
         ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
         ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
         has to report beyond that comes last; about an orbit that is elliptic or has J2 then ``orbit``, with
-        the ``true_anomaly`` (worlds, agents), rad.
+        the ``true_anomaly`` (worlds, agents), rad; with J2 it counts from the vehicle's argument of perigee.
 
         Args:
             step: What the last step gave, whose arrays become those of the info; None takes :meth:`now`.
@@ -346,7 +347,11 @@ class Worlds:
         """Where a fleet stands on its orbit; nothing where it turns steadily, or nothing flies."""
         if self.fleet.steady or not self.task.flies:
             return {}
-        anomaly = self.fleet.ellipses()[:, _ANOMALY, np.newaxis]
+        ellipses, orbit = self.fleet.ellipses(), self.task.vehicle.reference_orbit
+        anomaly = ellipses[:, _ANOMALY, np.newaxis]
+        if orbit.j2 > 0.0:  # the osculating perigee wanders, and a circle has none
+            turned = ellipses[:, _ANGLE, np.newaxis] - orbit.argument_of_perigee
+            anomaly = turned - 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
         return {"orbit": {"true_anomaly": np.repeat(anomaly, len(self.task.agents), axis=1)}}
 
     def _info(
