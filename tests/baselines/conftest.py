@@ -11,6 +11,9 @@ import pytest
 Optimum = Callable[..., float]
 
 
+_DUAL, _PRIMAL = 1, 4  # HiGHS's option simplex_strategy
+
+
 @pytest.fixture(scope="session")
 def highs_optimum() -> Optimum:
     """Least objective of (command, effectiveness, max_on_time, fuel_cost, slack_cost), by HiGHS."""
@@ -45,6 +48,12 @@ def highs_optimum() -> Optimum:
         problem.a_matrix_.value_ = rows.ravel()
         solver.passModel(problem)
         solver.run()
+        if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+            # Among near-twins its dual simplex may lose its way at such tolerances: then by its primal
+            solver.clearSolver()
+            solver.setOptionValue("simplex_strategy", _PRIMAL)
+            solver.run()
+            solver.setOptionValue("simplex_strategy", _DUAL)
         assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
         return solver.getInfo().objective_function_value * unit
 
