@@ -167,6 +167,8 @@ def junk(chance, depth=0):
 @pytest.mark.parametrize("identifier", IDS)
 def test_anything_at_all_is_flown_finite_or_refused_in_one_line(identifier):
     env, chance, actions = gym.make(identifier), random.Random(identifier), actions_of(identifier, 0, 3)
+    env.reset(seed=3)  # Gymnasium's checker does not get over a first reset that is refused
+    env.step(actions[0])
     flown = 0
     for _ in range(10_000):
         faults = junk(chance)
