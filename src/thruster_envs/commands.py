@@ -28,7 +28,6 @@ PROGRAM = "thruster-envs"
 #: Worlds of the batches by which kernels for batches are compiled: there are some for small ones.
 _WORLDS = {"batch of 8": 8, "large batch": 33}
 _STEPS = 2
-_FAULTS = [{"thruster": 1, "kind": "stuck_off"}]
 
 
 class Use(NamedTuple):

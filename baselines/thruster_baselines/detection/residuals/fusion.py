@@ -31,7 +31,7 @@ from thruster_baselines.detection.residuals.base import (
     nominal_delay,
     take_attitude,
 )
-from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, compare_kinds
+from thruster_baselines.detection.residuals.kinds import FUSION_KINDS, GRIDS, NONE, Course, compare_kinds
 from thruster_baselines.guidance.hcw import force_response, transition_matrix
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.configuration import require
@@ -260,9 +260,11 @@ class FusionDetector(BaseNavigationDetector):
         alarms[self.detected] = np.round(self.detection_time[self.detected] / self._period)
         work = partial(
             compare_kinds,
-            (
-                self._rates, self._seen, self._newest, self._begun, self._gains, self.effectiveness,
-                self.lag, self._period,
+            tuple(
+                Course(
+                    rates=self._rates, seen=self._seen, newest=self._newest, begun=self._begun,
+                    gains=self._gains, effectiveness=self.effectiveness, lag=self.lag, period=self._period,
+                )
             ),
             alarms, vehicles, thrusters, tuple(GRIDS), statistic, severity,
         )  # fmt: skip
