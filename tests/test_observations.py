@@ -6,6 +6,7 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import wrappers
 
 from tests.views.cases import IDS
 from tests.views.test_storage import EQUIPPED
@@ -183,3 +184,51 @@ def test_a_reader_takes_what_gym_make_takes_and_gymnasiums_own_batches():
     batch = gym.make_vec(identifier, num_envs=2, vectorization_mode="sync", start=(100.0, 0.0, 0.0))
     observations, _ = batch.reset(seed=0)
     np.testing.assert_allclose(Reader.of(batch)(observations).position[:, 0], 100.0, atol=5.0)
+
+
+def double(observation):
+    return 2.0 * observation
+
+
+CHANGED = {
+    "RescaleObservation": lambda env: wrappers.RescaleObservation(env, np.float32(-2.0), np.float32(2.0)),
+    "NormalizeObservation": wrappers.NormalizeObservation,
+    "TransformObservation": lambda env: wrappers.TransformObservation(env, double, None),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_wrappers_that_change_observations_are_refused_by_name(name):
+    env = wrappers.RecordEpisodeStatistics(CHANGED[name](gym.make(ORION)))
+    with pytest.raises(ValueError, match=f"wrappers that leave observations as they are, got {name}$"):
+        Reader.of(env)
+
+
+def test_wrappers_of_batches_that_change_observations_are_refused_by_name():
+    envs = gym.wrappers.vector.RescaleObservation(batch(ORION), np.float32(-2.0), np.float32(2.0))
+    with pytest.raises(ValueError, match=r"leave observations as they are, got RescaleObservation$"):
+        Reader.of(envs)
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        wrappers.FlattenObservation,
+        wrappers.TimeAwareObservation,
+        lambda env: wrappers.DelayObservation(env, 1),
+        lambda env: wrappers.FrameStackObservation(env, 2),
+    ],
+)
+def test_what_wrappers_leave_in_its_place_is_read(wrap):
+    env = wrap(gym.make(ORION))
+    observation, _ = env.reset(seed=0)
+    position = np.atleast_2d(Reader.of(env)(observation).position)
+    expected = Reader.of(ORION)(gym.make(ORION).reset(seed=0)[0]).position
+    delayed = isinstance(env, wrappers.DelayObservation)  # begins with zeros
+    np.testing.assert_allclose(position[-1], 0.0 if delayed else expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [-1, 1.5, True])
+def test_a_field_has_a_whole_number_of_entries(size):
+    with pytest.raises(ValueError, match=f"size of 'x' must be a whole number from 0, got {size}"):
+        Field("x", "place", size)

@@ -41,12 +41,15 @@ class Field:
     Attributes:
         name: Under which a reading has its value; an identifier.
         meaning: What it is, as the environment's page has it.
-        size: Number of entries.
+        size: Number of entries, 0 or more.
         unit: SI unit of the quantity.
         scale: What an entry of 1 stands for, in ``unit``: one number, or one for each entry.
         reference: What that is, in words; empty where number and unit say it.
         bound: Largest entry; what is larger is clipped.
         lowest: Smallest entry; None means minus ``bound``.
+
+    Raises:
+        ValueError: A size that is no whole number from 0; scales of another number.
 
     >>> Field("velocity", "measured velocity", 3, "m/s", 0.2, bound=5.0).label
     '0.2 m/s'
@@ -62,6 +65,9 @@ class Field:
     lowest: float | None = None
 
     def __post_init__(self) -> None:
+        size: Any = self.size
+        if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 0:
+            raise ValueError(f"size of {self.name!r} must be a whole number from 0, got {size!r}")
         if isinstance(self.scale, tuple) and len(self.scale) != self.size:
             raise ValueError(
                 f"scale of {self.name!r} must be one number or {self.size}, got {len(self.scale)} of them"
@@ -129,13 +135,15 @@ class Reader:
         """The reader of an environment.
 
         Args:
-            environment: Any environment of this suite, of any view and within any wrappers; or an id of
-                Gymnasium's, for which no environment is made.
+            environment: Any environment of this suite, of any view and within any wrappers that leave the
+                entries of its observations as they are; or an id of Gymnasium's, for which no environment is
+                made.
             **settings: Of the task, where an id is given: the arguments that ``gym.make`` would have. Those
                 of views alone, such as ``render_mode``, change nothing.
 
         Raises:
-            ValueError: Another environment; a setting that cannot be.
+            ValueError: Another environment; a wrapper that changes observations, such as Gymnasium's
+                ``RescaleObservation``; a setting that cannot be.
             TypeError: An unknown setting, or settings beside an environment.
 
         >>> Reader.of("thruster_envs/MarsRendezvous-v0", distance=15.0).columns("velocity")
@@ -153,7 +161,10 @@ class Reader:
         fields = getattr(task, "observation_fields", None)
         if fields is None:
             raise ValueError(f"environment must be one of thruster_envs or its id, got {environment}")
-        return cls(tuple(fields))
+        reader = cls(tuple(fields))
+        if not isinstance(environment, str):
+            _check_unchanged(environment, reader)
+        return reader
 
     @overload
     def __call__(self, observation: Mapping[str, ArrayLike]) -> dict[str, Reading]: ...
@@ -293,6 +304,53 @@ def _task_of_id(identifier: str, settings: dict[str, Any]) -> Any:
     return None if task_of is None else task_of(**given)
 
 
+def _check_unchanged(environment: Any, reader: Reader) -> None:
+    """Refuse wrappers that change entries of observations: by their space, or where that says nothing."""
+    wrong, layer = None, environment
+    while layer is not None:
+        inner = vars(layer).get("env", vars(layer).get("venv"))
+        if not all(_begins_with(space, reader) for space in _spaces(layer)) or _changes(layer, inner):
+            wrong = layer
+        layer = inner
+    if wrong is not None:
+        raise ValueError(
+            f"environment must have wrappers that leave observations as they are, got {type(wrong).__name__}"
+        )
+
+
+def _spaces(layer: Any) -> list[Any]:
+    """Observation spaces of an environment: of each agent where there are some."""
+    space = getattr(layer, "observation_space", None)
+    return [space(agent) for agent in layer.possible_agents] if callable(space) else [space]
+
+
+def _begins_with(space: Any, reader: Reader) -> bool:
+    """Whether observations of a space begin with the entries of a task."""
+    low, high = getattr(space, "low", None), getattr(space, "high", None)
+    if low is None or high is None or low.ndim == 0 or not np.issubdtype(low.dtype, np.floating):
+        return False
+    size, sizes = reader.size, [field.size for field in reader.fields]
+    lowest = np.repeat(np.array([field.low for field in reader.fields], np.float32), sizes)
+    highest = np.repeat(np.array([field.bound for field in reader.fields], np.float32), sizes)
+    return bool(
+        low.shape[-1] >= size and (low[..., :size] == lowest).all() and (high[..., :size] == highest).all()
+    )
+
+
+def _changes(layer: Any, inner: Any) -> bool:
+    """Whether it is an observation wrapper that changes values, though its space is that within."""
+    import gymnasium as gym
+
+    if not isinstance(layer, gym.ObservationWrapper | gym.vector.VectorObservationWrapper):
+        return False
+    known = type(layer).__module__.startswith("gymnasium.") and type(layer).__name__ in _CHANGE_NOTHING
+    return not known and bool(layer.observation_space == inner.observation_space)
+
+
+#: Observation wrappers of Gymnasium's that leave the values of entries as they are.
+_CHANGE_NOTHING = frozenset({
+    "DelayObservation", "DtypeObservation", "FlattenObservation", "ReshapeObservation",
+})  # fmt: skip
 #: Arguments of ``gym.make`` and ``gym.make_vec`` that are not settings of a task.
 _OF_VIEWS = frozenset({
     "render_mode", "flat_info", "max_episode_steps", "disable_env_checker", "num_envs", "vectorization_mode",

@@ -14,6 +14,7 @@ from thruster_baselines.detection import (
     GLRDetector,
     SetChiSquared,
     SingleChiSquared,
+    Telemetry,
     WindowedGLR,
 )
 from thruster_baselines.estimation import PhysicalNoise
@@ -406,3 +407,12 @@ def test_what_cannot_be_is_refused_in_one_line(call, line):
 def test_a_setting_that_no_filter_has_is_refused_with_the_nearest(detector):
     with pytest.raises(TypeError, match="unexpected keyword argument 'nois'; did you mean 'noise'"):
         detector("orion", 1.0, nois=10.0)
+
+
+@every_detector
+@pytest.mark.parametrize("beside", ["rate_change", "duration", "valid", "age"])
+def test_telemetry_stands_alone(make, beside):
+    values = {"rate_change": np.zeros(6), "duration": 1.0, "valid": [True], "age": [0.0]}
+    telemetry = Telemetry(1.0, on_times=np.zeros((1, 12)), rate_change=np.zeros((1, 6)))
+    with pytest.raises(TypeError, match=f"must have telemetry alone, got {beside} beside it"):
+        make().update(telemetry, **{beside: values[beside]})

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
-from thruster_baselines.detection.contract import Telemetry, Verdict
+from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
 from thruster_baselines.detection.settings import (
     SOURCE_MEASUREMENT_NOISE,
     SOURCE_PROCESS_NOISE,
@@ -227,9 +227,11 @@ class BaseDetector(ABC):
         Raises:
             ValueError: A wrong shape, on-times that are negative, longer than the interval or no numbers, a
                 duration that is not positive; telemetry without on-times or rate change.
+            TypeError: Arguments beside telemetry, or too few without it.
         """
         if isinstance(on_times, Telemetry):
             seen = on_times
+            check_alone(rate_change=rate_change, duration=duration, valid=valid, age=age)
             commanded, measured = seen.need("on_times"), seen.need("rate_change")
             duration, valid, age = seen.duration, seen.valid, seen.age
         else:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from thruster_envs import protocols
 from thruster_envs.protocols import Diagnosis, FloatArray
 
-__all__ = ["AnyDetector", "Detector", "Telemetry", "Verdict", "reader_of"]
+__all__ = ["AnyDetector", "Detector", "Telemetry", "Verdict", "check_alone", "reader_of"]
 
 
 class Telemetry(NamedTuple):
@@ -81,6 +81,17 @@ class Telemetry(NamedTuple):
         if value is None:
             raise ValueError(f"telemetry must have {name}, got None")
         return value
+
+
+def check_alone(**others: object) -> None:
+    """Refuse arguments beside telemetry, which has all of them; None was not given.
+
+    Raises:
+        TypeError: One of them was given.
+    """
+    for name, value in others.items():
+        if value is not None:
+            raise TypeError(f"update must have telemetry alone, got {name} beside it")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.detection.base import BaseDetector
-from thruster_baselines.detection.contract import Telemetry, Verdict
+from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import ObservedFiring, reader_with
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
@@ -172,28 +172,33 @@ class PlayerDetector:
     def update(
         self,
         on_times: Telemetry | ArrayLike,
-        rate_change: ArrayLike | None = None,  # noqa: ARG002 - it stands in the observation, too
+        rate_change: ArrayLike | None = None,
         duration: float = 0.0,
         *,
         valid: ArrayLike | None = None,
-        age: ArrayLike | None = None,  # noqa: ARG002 - an environment's measurements are never late
+        age: ArrayLike | None = None,
         observation: NDArray[np.float32] | None = None,
     ) -> Verdict:
         """Take in one interval, as it was observed.
 
         Args:
             on_times: `Telemetry` with all of it, or (vehicles, n), s.
-            rate_change: (vehicles, m).
+            rate_change: (vehicles, m); not looked at, it stands in the observation.
             duration: s.
             valid: (vehicles,), where the observation counts.
-            age: (vehicles,).
+            age: (vehicles,); not looked at, an environment's measurements are never late.
             observation: (vehicles, size), of the environment at the end of the interval.
 
         Raises:
             ValueError: No observation.
+            TypeError: Arguments beside telemetry.
         """
         if isinstance(on_times, Telemetry):
             told = on_times
+            check_alone(
+                rate_change=rate_change, duration=duration or None, valid=valid, age=age,
+                observation=observation,
+            )  # fmt: skip
             on_times, duration = told.need("on_times"), told.duration
             valid, observation = told.valid, told.observation
         if observation is None:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.calibration import threshold_for
 from thruster_baselines.detection.checks import mask_of
-from thruster_baselines.detection.contract import Telemetry, Verdict
+from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -101,9 +101,15 @@ class ResponseTest:
         Returns:
             (vehicles, n), the believed health, where arrays are given. Where the test finds nobody to blame,
             it is what it was before.
+
+        Raises:
+            TypeError: A difference beside telemetry, or none without it.
         """
         if isinstance(on_times, Telemetry):
+            check_alone(difference=difference)
             return self._diagnose(on_times)
+        if difference is None:
+            raise TypeError("update must have telemetry, or on_times and difference")
         told = np.atleast_2d(np.asarray(on_times, dtype=np.float64))
         missing = -np.atleast_2d(np.asarray(difference, dtype=np.float64)) / self._noise
         along = missing @ self._whitened

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.belief import ActuatorBelief
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
-from thruster_baselines.detection.contract import Telemetry, Verdict
+from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
 from thruster_envs.configuration import require
 from thruster_envs.construction import RecordsArguments
 from thruster_envs.kernels import kernel
@@ -227,9 +227,11 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         Raises:
             ValueError: A wrong shape, an open rate that is none, telemetry without duties, position or
                 attitude.
+            TypeError: Arguments beside telemetry, or too few without it.
         """
         if isinstance(open_rates, Telemetry):
             seen = open_rates
+            check_alone(position=position, attitude=attitude, rate=rate, valid=valid)
             duties, position, attitude = (seen.need(name) for name in ("duties", "position", "attitude"))
             rate, valid = seen.rate, seen.valid
         else:
