@@ -25,7 +25,7 @@ def opener(kind: type[Named], *, columns: bool = False) -> Any:
     """
     place = "..., " if columns else ""
     entries = ", ".join(f"array[{place}{k}]" for k in range(len(kind._fields)))  # type: ignore[attr-defined]
-    # Compiled code has no star expression for arrays.
+    # By eval, since Numba compiles no star expression of an array, and as a loop the names would cost time.
     names = {"kind": kind, "__name__": kind.__module__}
     return njit(eval(f"lambda array: kind({entries})", names), forceinline=True)
 
@@ -60,3 +60,14 @@ def rate_error(q, rate, turning):
     """Body rate against LVLH, rad/s in body axes; ``turning`` is that of the frame itself, in its axes."""
     frame = rotate(q, turning)
     return (rate[0] - frame[0], rate[1] - frame[1], rate[2] - frame[2])
+
+
+@njit(forceinline=True)
+def errors_of(data, first, b, w):
+    """Attitude error, rad, and rate error, rad/s, against LVLH in body axes.
+
+    ``first`` is the first row of the motion: ``at.POSITION`` as it truly is, ``at.MEASURED`` as sensors say.
+    """
+    q = (data[b, first + 6, w], data[b, first + 7, w], data[b, first + 8, w], data[b, first + 9, w])
+    rate = (data[b, first + 10, w], data[b, first + 11, w], data[b, first + 12, w])
+    return attitude_error(q), rate_error(q, rate, turning_of_frame(data, b, w))

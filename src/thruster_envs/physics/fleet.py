@@ -301,9 +301,9 @@ class Fleet:
         """
         self.sensors_fail |= faults.of_sensors
         _begin(
-            self.arrays, self.vehicle, which, keys, episodes, self.craft, self.spacecraft.mass,
-            (self.wrenches, self._tilts), (faults.rows, faults.table, faults.drawn),
-            (self.sensor_faults, self.sensors_fail), self._elements,
+            self.arrays, self.vehicle, which, (keys, episodes),
+            (self.craft, self.spacecraft.mass, self.wrenches, self._tilts, self._elements),
+            (faults.rows, faults.table, faults.drawn), (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
         if self.storage_faults is not None:
             _begin_storage(
@@ -539,10 +539,11 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 
 @kernel
-def _begin(arrays, parts, which, keys, episodes, craft, mass, nominal, plan, of_sensors, elements):
+def _begin(arrays, parts, which, seeds, nominal, plan, of_sensors):
     batch = open_batch(arrays)
     data, faults, streams, storage_faults = batch.data, batch.faults, batch.streams, batch.storage_faults
-    (wrenches, tilts), (encoded, table, drawn) = nominal, plan
+    (keys, episodes), (encoded, table, drawn) = seeds, plan
+    craft, mass, wrenches, tilts, elements = nominal
     sensor_faults, sensors_fail = of_sensors
     at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
     slots = faults.shape[2]

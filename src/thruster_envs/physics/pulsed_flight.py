@@ -289,7 +289,7 @@ _FIND_VERTICAL = {
     Hill: _find_steadily, Circular: _find_steadily, LinearElliptic: _find_nothing, Elliptic: _find_nothing,
     Oblate: _find_nothing,
 }  # fmt: skip
-chosen_by_kind(find_vertical, _FIND_VERTICAL)
+chosen_by_kind(find_vertical, _FIND_VERTICAL.__getitem__)
 
 
 @njit(forceinline=True)
@@ -455,7 +455,7 @@ _VERTICALS = {
     Hill: _steady_verticals, Circular: _steady_verticals, LinearElliptic: _elliptic_verticals,
     Elliptic: _elliptic_verticals, Oblate: _oblate_verticals,
 }  # fmt: skip
-chosen_by_kind(verticals, _VERTICALS)
+chosen_by_kind(verticals, _VERTICALS.__getitem__)
 
 
 @njit(forceinline=True)

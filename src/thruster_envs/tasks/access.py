@@ -139,8 +139,19 @@ def true_model(data, faults, columns, wrenches, inverse_inertia, period, number_
 
 
 @njit(forceinline=True)
-def disperse_attitude(data, b, w, uniform, angle, rate):
-    """Disperse attitude about LVLH and rate about the frame's, by six uniform numbers; rad, rad/s."""
+def disperse(data, b, w, uniform, position, velocity, half_widths):
+    """Disperse a craft about a position, m, and a velocity, m/s, and about the attitude and rate of LVLH.
+
+    By twelve numbers from 0 to 1, uniformly in a box of these half-widths: m, m/s, rad, rad/s.
+    """
+    for k in range(3):
+        data[b, at.POSITION + k, w] = position[k] + half_widths[0] * (2.0 * uniform[k] - 1.0)
+        data[b, at.VELOCITY + k, w] = velocity[k] + half_widths[1] * (2.0 * uniform[3 + k] - 1.0)
+    _disperse_attitude(data, b, w, uniform[6:12], half_widths[2], half_widths[3])
+
+
+@njit(forceinline=True)
+def _disperse_attitude(data, b, w, uniform, angle, rate):
     half = 0.5 * angle
     q = exponential(
         half * (2.0 * uniform[0] - 1.0), half * (2.0 * uniform[1] - 1.0), half * (2.0 * uniform[2] - 1.0)

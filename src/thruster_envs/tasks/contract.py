@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from thruster_envs.configuration import coerce_fields
 from thruster_envs.faults import Fault, FaultDistribution, as_faults
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
+from thruster_envs.physics.access import columns_of
 from thruster_envs.physics.body import MOST_SUBSTEPS
 from thruster_envs.physics.fleet import Fleet, check_flyable
 from thruster_envs.spacecraft import Spacecraft, load
@@ -29,6 +30,7 @@ from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_scor
 
 FloatArray = NDArray[np.float64]
 Observations = NDArray[np.float32]
+Statistics = TypeVar("Statistics")
 
 
 #: Largest speed of a wheel that is observed, over that up to which its motor pushes.
@@ -132,6 +134,11 @@ def error_fields(angle: float, rate: float, bound: float) -> tuple[Field, Field]
     )
 
 
+def clock_field(name: str, meaning: str, duration: float, reference: str = "length of the episode") -> Field:
+    """A time of an episode; an entry of 1 stands for ``duration`` s."""
+    return Field(name, meaning, 1, "s", duration, reference=reference, lowest=0.0)
+
+
 def per_period(vehicle: Spacecraft) -> dict[str, Any]:
     """Unit and scale of an on-time in control periods, for a field."""
     return {"unit": "s", "scale": vehicle.control_period, "reference": "control period"}
@@ -163,6 +170,46 @@ class TaskState:
         self.fleet.restore({name: saved[name] for name in self.fleet.saved})
         for name, array in self.own():
             array[...] = saved[f"task.{name}"]
+
+
+@dataclass
+class EpisodeState(TaskState, Generic[Statistics]):
+    """Arrays of a batch whose episode statistics have names."""
+
+    statistics: FloatArray  # (worlds, ..., columns), as `names` has them
+
+    #: The NamedTuple of the columns.
+    names: ClassVar[type[Any]]
+
+    @cached_property
+    def episode(self) -> Statistics:
+        """Views of the statistics by name, (worlds, ...) each."""
+        views: Statistics = columns_of(self.names, self.statistics)
+        return views
+
+
+@dataclass
+class OneAgentState(EpisodeState[Statistics]):
+    """Arrays of a batch of one agent, whose statistics hold what a step was worth and what ``info`` shows.
+
+    The terms of the reward stand before ``cost``; ``over``, ``open_time``, ``score`` and ``success`` are
+    among the others.
+    """
+
+    @cached_property
+    def _agents(self) -> Any:
+        return columns_of(self.names, self.statistics[:, np.newaxis])
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """Views of the statistics."""
+        terms = self.statistics[:, np.newaxis, : self.names._fields.index("cost")]
+        return Outcome(terms, self._agents.cost, self._agents.over[:, 0])
+
+    @cached_property
+    def truth(self) -> Truth:
+        """Views of the statistics."""
+        return Truth(self._agents.open_time, self._agents.score, self._agents.success)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,6 +320,26 @@ class Task(ABC):
             Field("gimbal_sines", "sines of the measured gimbal angles", len(gyros)),
         )  # fmt: skip
         return tuple(group for group in groups if group.size > 0)
+
+    def make_fleet(self, worlds: int, threads: int | None) -> Fleet:
+        """Its craft in that many worlds."""
+        return Fleet(
+            self.vehicle, worlds, self.number_of_craft, slots=self.fault_slots, nonlinear=self.nonlinear,
+            max_substep=self.max_substep, threads=threads,
+        )  # fmt: skip
+
+    def numbers(self, names: type[Any], **derived: float) -> FloatArray:
+        """The configuration as an array in the order of a NamedTuple.
+
+        Args:
+            names: The NamedTuple; ``period`` and ``mean_motion`` in it are those of the vehicle.
+            **derived: What does not stand in the task's own field of the same name.
+        """
+        known = {"period": self.vehicle.control_period, "mean_motion": self.vehicle.mean_motion} | derived
+        fields: tuple[str, ...] = names._fields
+        return np.array(
+            [known[name] if name in known else getattr(self, name) for name in fields], np.float64
+        )
 
     @cached_property
     @abstractmethod

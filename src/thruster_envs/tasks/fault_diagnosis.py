@@ -27,36 +27,29 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.access import (
-    attitude_error,
-    columns_of,
-    opener,
-    place,
-    rate_error,
-    turning_of_frame,
-)
-from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.access import errors_of, opener, place
 from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.protocols import Sight
 from thruster_envs.random import COMMAND, philox, uniform_pair
 from thruster_envs.tasks.access import (
     bounded,
     command_duties,
-    disperse_attitude,
+    disperse,
     draw_start,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
+    EpisodeState,
     FloatArray,
     Observations,
     Outcome,
     Task,
-    TaskState,
     Truth,
     change_fields,
     check_not_negative,
     check_positive,
     check_whole,
+    clock_field,
     error_fields,
     per_period,
 )
@@ -169,19 +162,14 @@ class DiagnosisModel:
 
 
 @dataclass
-class DiagnosisState(TaskState):
+class DiagnosisState(EpisodeState[Statistics]):
     """Arrays of a batch."""
 
     model: DiagnosisModel
     slots: FloatArray  # (worlds, 1, 6), m and m/s, LVLH, now
     declared: NDArray[np.int64]  # (worlds, 2), the last declaration: thruster from 1 (0: none), mode
     standing: NDArray[np.int64]  # (worlds,), the thruster in it when the first fault was seen to act
-    statistics: FloatArray  # (worlds, 17), as Statistics names its columns
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
+    names = Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,14 +228,8 @@ class FaultDiagnosis(Task):
             Field("position", "measured position relative to the slot", 3, "m", _POSITION, bound=_BOUND),
             Field("velocity", "measured velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
             *error_fields(_ANGLE, _RATE, _BOUND),
-            Field(
-                "time",
-                "time since the start",
-                1,
-                "s",
-                FLIGHT * self.vehicle.control_period,
-                reference="length of the flight",
-                lowest=0.0,
+            clock_field(
+                "time", "time since the start", FLIGHT * self.vehicle.control_period, "length of the flight"
             ),
             Field("duties", "last duties", n, lowest=0.0),
             *change_fields(self.vehicle, _BOUND),
@@ -284,13 +266,9 @@ class FaultDiagnosis(Task):
 
     def create(self, worlds: int, threads: int | None) -> DiagnosisState:
         """Arrays for that many worlds."""
-        fleet = Fleet(
-            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
-            max_substep=self.max_substep, threads=threads,
-        )  # fmt: skip
         return DiagnosisState(
-            fleet, self._model(), np.zeros((worlds, 1, 6)), np.zeros((worlds, 2), np.int64),
-            np.zeros(worlds, np.int64), np.zeros((worlds, len(Statistics._fields))),
+            self.make_fleet(worlds, threads), np.zeros((worlds, len(Statistics._fields))), self._model(),
+            np.zeros((worlds, 1, 6)), np.zeros((worlds, 2), np.int64), np.zeros(worlds, np.int64),
         )  # fmt: skip
 
     def _model(self) -> DiagnosisModel:
@@ -299,20 +277,13 @@ class FaultDiagnosis(Task):
         frequencies = TRANSLATION / period, ROTATION / period
         pull = frequencies[0] ** 2 * period  # m/s that the pilot asks for in a period, for each m of distance
         reach = vehicle.authority()[:3].min() / (3.0 * pull) if self.reach is None else self.reach
-        parameters = Parameters(
-            period=period,
-            reach=reach,
-            leg=float(self.leg),
-            range_limit=self.range_limit,
-            rate_limit=self.rate_limit,
-            rate_soft_limit=self.rate_soft_limit(),
-            delay_cost=self.delay_cost / FLIGHT,
-            false_alarm_cost=self.false_alarm_cost / FLIGHT,
-            wrong_name_cost=self.wrong_name_cost / FLIGHT,
-            wrong_mode_cost=self.wrong_mode_cost / FLIGHT,
-        )
+        parameters = self.numbers(
+            Parameters, reach=reach, rate_soft_limit=self.rate_soft_limit(),
+            delay_cost=self.delay_cost / FLIGHT, false_alarm_cost=self.false_alarm_cost / FLIGHT,
+            wrong_name_cost=self.wrong_name_cost / FLIGHT, wrong_mode_cost=self.wrong_mode_cost / FLIGHT,
+        )  # fmt: skip
         pilot = dataclasses.replace(SlotPilot.of(vehicle), frequencies=frequencies)
-        return DiagnosisModel(numbers.authority, numbers.projection, np.array(parameters), pilot)
+        return DiagnosisModel(numbers.authority, numbers.projection, parameters, pilot)
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: none, the agent has no part in the flight."""
@@ -465,10 +436,7 @@ def _start(data, streams, which, numbers, slots, declared, standing, statistics)
     for world in which:
         b, w = place(world, 0, 1, lanes)
         draw_start(streams, b, w, 0, uniform)
-        for k in range(3):
-            data[b, at.POSITION + k, w] = _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
-            data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
-        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
+        disperse(data, b, w, uniform, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _DISPERSION)
         slots[world, 0, :] = 0.0
         _draw_slot(data, streams, b, w, parameters.reach, slots[world, 0])
         declared[world, :], standing[world] = 0, 0
@@ -560,9 +528,7 @@ def _evaluate_flight(data, streams, numbers, slots, declared, statistics, first,
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
         slot, distance, turning = slots[world, 0], 0.0, 0.0
-        q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
-        frame = turning_of_frame(data, b, w)
-        spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), frame)
+        _, spin = errors_of(data, at.POSITION, b, w)
         for k in range(3):
             distance += (data[b, at.POSITION + k, w] - slot[k]) ** 2
             turning += spin[k] * spin[k]
@@ -611,11 +577,7 @@ def _observe(data, faults, numbers, model, slots, declared, observe_fault, obser
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         row = observations[world]
-        q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
-        angle = attitude_error(q)
-        spin = rate_error(
-            q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), turning_of_frame(data, b, w)
-        )
+        angle, spin = errors_of(data, m, b, w)
         for k in range(3):
             row[k] = bounded((data[b, m + k, w] - slots[world, 0, k]) / _POSITION, _BOUND)
             row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)

@@ -22,7 +22,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import pulsed_flight as pulse
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.access import attitude_error, columns_of, opener, place
+from thruster_envs.physics.access import attitude_error, opener, place
 from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.pulsed_craft import BIAS_TORQUE, PulsedFlight, check_torques, discharge_of
 from thruster_envs.physics.vehicle import open_vehicle
@@ -39,11 +39,11 @@ from thruster_envs.random import RESET, philox, uniform_pair
 from thruster_envs.spacecraft.description import Vector
 from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
+    EpisodeState,
     FloatArray,
     Observations,
     Outcome,
     Task,
-    TaskState,
     Truth,
     check_not_negative,
     check_positive,
@@ -147,20 +147,14 @@ class FormationAttitudeModel:
 
 
 @dataclass
-class FormationAttitudeState(TaskState):
-    """Arrays of a batch."""
+class FormationAttitudeState(EpisodeState[Statistics]):
+    """Arrays of a batch; statistics are (worlds, craft, 11)."""
 
-    fleet: Fleet
     model: FormationAttitudeModel
     targets: FloatArray  # (worlds, craft, 4), attitude from the leader's body; the leader's from the frame
     owed: FloatArray  # (worlds, craft, n), pulses commanded by duties and not fired yet
-    statistics: FloatArray  # (worlds, craft, 11), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
+    names = Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,10 +322,10 @@ class FormationAttitude(Task):
         )
         return FormationAttitudeState(
             fleet,
+            np.zeros((worlds, craft, len(Statistics._fields))),
             FormationAttitudeModel(np.array(parameters), AttitudePilot.of(vehicle).gains),
             targets=np.zeros((worlds, craft, 4)),
             owed=np.zeros((worlds, craft, vehicle.number_of_thrusters)),
-            statistics=np.zeros((worlds, craft, len(Statistics._fields))),
             over=np.zeros(worlds),
         )
 

@@ -24,30 +24,22 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.access import (
-    attitude_error,
-    columns_of,
-    opener,
-    place,
-    rate_error,
-    turning_of_frame,
-)
-from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.access import errors_of, opener, place
 from thruster_envs.physics.orbits import frame_motion, open_ellipse
 from thruster_envs.pilots.slots import SlotPilot
 from thruster_envs.tasks.access import (
     bounded,
     command_duties,
-    disperse_attitude,
+    disperse,
     draw_start,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
+    EpisodeState,
     FloatArray,
     Observations,
     Outcome,
     Task,
-    TaskState,
     Truth,
     axis_scale,
     change_fields,
@@ -129,19 +121,14 @@ class FormationModel:
 
 
 @dataclass
-class FormationState(TaskState):
-    """Arrays of a batch."""
+class FormationState(EpisodeState[Statistics]):
+    """Arrays of a batch; statistics are (worlds, craft, 7)."""
 
     model: FormationModel
     phase: FloatArray  # (worlds,), rad, of the first slot at the start
     slots: FloatArray  # (worlds, craft, 6), m and m/s, LVLH, now
-    statistics: FloatArray  # (worlds, craft, 7), as Statistics names its columns
     over: FloatArray  # (worlds,), 1 where a craft is lost
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
+    names = Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,27 +208,14 @@ class FormationKeeping(Task):
     def create(self, worlds: int, threads: int | None) -> FormationState:
         """Arrays for that many worlds."""
         vehicle = self.vehicle
-        fleet = Fleet(
-            vehicle, worlds, self.craft, slots=self.fault_slots, nonlinear=self.nonlinear,
-            max_substep=self.max_substep, threads=threads,
-        )  # fmt: skip
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
-        parameters = Parameters(
-            period=vehicle.control_period,
-            mean_motion=vehicle.mean_motion,
-            radius=self.radius,
-            slot_tolerance=self.slot_tolerance,
-            keep_out=self.keep_out,
-            range_limit=self.range_limit,
-            rate_limit=self.rate_limit,
-            fuel_price=price,
-        )
+        parameters = self.numbers(Parameters, fuel_price=price)
         return FormationState(
-            fleet,
-            FormationModel(axis_scale(vehicle), np.array(parameters), SlotPilot.of(vehicle)),
+            self.make_fleet(worlds, threads),
+            np.zeros((worlds, self.craft, len(Statistics._fields))),
+            FormationModel(axis_scale(vehicle), parameters, SlotPilot.of(vehicle)),
             phase=np.zeros(worlds),
             slots=np.zeros((worlds, self.craft, 6)),
-            statistics=np.zeros((worlds, self.craft, len(Statistics._fields))),
             over=np.zeros(worlds),
         )
 
@@ -353,12 +327,7 @@ def _start(data, streams, which, numbers, ellipses, phase, slots, statistics, ov
             if c == 0:
                 phase[world] = 2.0 * math.pi * uniform[15]
                 _place_slots(world, phase[world], 0.0, parameters, ellipses, slots[world])
-            for k in range(3):
-                data[b, at.POSITION + k, w] = slots[world, c, k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
-                data[b, at.VELOCITY + k, w] = slots[world, c, 3 + k] + _DISPERSION[1] * (
-                    2.0 * uniform[3 + k] - 1.0
-                )
-            disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
+            disperse(data, b, w, uniform, slots[world, c, :3], slots[world, c, 3:], _DISPERSION)
             statistics[world, c] = 0.0
 
 
@@ -379,10 +348,7 @@ def _evaluate_step(data, numbers, ellipses, phase, slots, statistics, over):
             for k in range(3):
                 away += (data[b, at.POSITION + k, w] - slots[world, c, k]) ** 2
             away = math.sqrt(away)
-            q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
-            angle = attitude_error(q)
-            frame = turning_of_frame(data, b, w)
-            spin = rate_error(q, (data[b, 10, w], data[b, 11, w], data[b, 12, w]), frame)
+            angle, spin = errors_of(data, at.POSITION, b, w)
             tilt = math.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
             spinning = math.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
             nearest = math.inf
@@ -429,11 +395,7 @@ def _observe(data, faults, numbers, authority, slots, statistics, observe_fault,
         for c in range(observations.shape[1]):
             b, w = place(world, c, craft, lanes)
             row = observations[world, c]
-            q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
-            angle = attitude_error(q)
-            spin = rate_error(
-                q, (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w]), turning_of_frame(data, b, w)
-            )
+            angle, spin = errors_of(data, m, b, w)
             for k in range(3):
                 row[k] = bounded((data[b, m + k, w] - slots[world, c, k]) / _POSITION, _BOUND)
                 row[3 + k] = bounded((data[b, m + 3 + k, w] - slots[world, c, 3 + k]) / _VELOCITY, _BOUND)

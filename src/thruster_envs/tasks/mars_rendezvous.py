@@ -28,7 +28,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.access import attitude_error, columns_of, opener, place, rate_error
+from thruster_envs.physics.access import attitude_error, opener, place, rate_error
 from thruster_envs.physics.attitude import (
     conjugate,
     exponential,
@@ -37,21 +37,21 @@ from thruster_envs.physics.attitude import (
     rotate_back,
 )
 from thruster_envs.physics.disturbances import Disturbances, disturb
-from thruster_envs.physics.fleet import Fleet
 from thruster_envs.physics.orbits import hill_acceleration
 from thruster_envs.pilots.approach import FACING, ApproachPilot, open_law, steer_one
 from thruster_envs.tasks.access import bounded, draw_start, write_oracle_view
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,
+    OneAgentState,
     Outcome,
     Task,
-    TaskState,
     Truth,
     axis_scale,
     change_fields,
     check_positive,
     check_whole,
+    clock_field,
     error_fields,
 )
 from thruster_envs.tasks.pictures import Frame, Picture, distance, fuel_and_score
@@ -190,7 +190,7 @@ class ApproachModel:
 
 
 @dataclass
-class ApproachState(TaskState):
+class ApproachState(OneAgentState[Statistics]):
     """Arrays of a batch."""
 
     model: ApproachModel
@@ -198,24 +198,7 @@ class ApproachState(TaskState):
     estimate: FloatArray  # (worlds, 6), m and m/s, LVLH, at the time of the oldest sight
     sky: FloatArray  # (worlds, 2), argument of latitude at the start, direction of sunlight, turns
     branch: NDArray[np.int64]  # (worlds,), 0 the first set of thrusters, 1 the spare one
-    statistics: FloatArray  # (worlds, 12), as Statistics names its columns
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
-
-    @cached_property
-    def outcome(self) -> Outcome:
-        """Views of the statistics."""
-        terms = self.statistics[:, np.newaxis, : len(MarsRendezvous.reward_terms)]
-        return Outcome(terms, self.episode.cost[:, np.newaxis], self.episode.over)
-
-    @cached_property
-    def truth(self) -> Truth:
-        """Views of the statistics."""
-        episode = columns_of(Statistics, self.statistics[:, np.newaxis])
-        return Truth(episode.open_time, episode.score, episode.success)
+    names = Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,15 +318,7 @@ class MarsRendezvous(Task):
             Field("near_position", "measured relative position, close by", 3, "m", _NEAR, bound=_BOUND),
             Field("velocity", "filtered relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
             *error_fields(_ANGLE, _RATE, _BOUND),
-            Field(
-                "time_to_go",
-                "time to go",
-                1,
-                "s",
-                self.steps * self.vehicle.control_period,
-                reference="length of the episode",
-                lowest=0.0,
-            ),
+            clock_field("time_to_go", "time to go", self.steps * self.vehicle.control_period),
             Field("duties", "last open rates", n, lowest=0.0),
             *change_fields(self.vehicle, _BOUND),
             *(valves if self.inhibit else ()),
@@ -352,42 +327,25 @@ class MarsRendezvous(Task):
 
     def create(self, worlds: int, threads: int | None) -> ApproachState:
         """Arrays for that many worlds."""
-        fleet = Fleet(
-            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
-            max_substep=self.max_substep, threads=threads,
-        )  # fmt: skip
         return ApproachState(
-            fleet, self._model(), np.zeros((worlds, self.navigation_delay + 1, _SIGHT)),
-            np.zeros((worlds, 6)), np.zeros((worlds, 2)), np.zeros(worlds, np.int64),
-            np.zeros((worlds, len(Statistics._fields))),
+            self.make_fleet(worlds, threads), np.zeros((worlds, len(Statistics._fields))), self._model(),
+            np.zeros((worlds, self.navigation_delay + 1, _SIGHT)), np.zeros((worlds, 6)),
+            np.zeros((worlds, 2)), np.zeros(worlds, np.int64),
         )  # fmt: skip
 
     def _model(self) -> ApproachModel:
         vehicle = self.vehicle
         nominal = self.distance / self._speed
-        idle = 0.1 * vehicle.number_of_thrusters * nominal
-        parameters = Parameters(
-            period=vehicle.control_period,
-            mean_motion=vehicle.mean_motion,
-            steps=float(self.steps),
-            distance=self.distance,
-            offset_tolerance=self.offset_tolerance,
-            closing_tolerance=self.closing_tolerance,
-            lateral_tolerance=self.lateral_tolerance,
-            attitude_tolerance=self.attitude_tolerance,
-            rate_tolerance=self.rate_tolerance,
-            rate_limit=self.rate_limit,
-            reference=idle,
-            nominal=nominal,
-            speed=self._speed,
-            delay=float(self.navigation_delay),
-        )
+        parameters = self.numbers(
+            Parameters, reference=0.1 * vehicle.number_of_thrusters * nominal, nominal=nominal,
+            speed=self._speed, delay=self.navigation_delay,
+        )  # fmt: skip
         dispersion = Dispersion(
             self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
         )
         numbers = Disturbances().numbers(vehicle)
         return ApproachModel(
-            axis_scale(vehicle), np.array(parameters), self._pilot,
+            axis_scale(vehicle), parameters, self._pilot,
             numbers if self.disturbances else np.zeros_like(numbers), np.array(dispersion),
             np.array([thruster.position for thruster in vehicle.thrusters]),
         )  # fmt: skip

@@ -20,33 +20,26 @@ from numpy.typing import NDArray
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
-from thruster_envs.physics.access import (
-    attitude_error,
-    columns_of,
-    opener,
-    place,
-    rate_error,
-    turning_of_frame,
-)
-from thruster_envs.physics.fleet import Fleet
+from thruster_envs.physics.access import errors_of, opener, place
 from thruster_envs.physics.orbits import open_ellipse
 from thruster_envs.tasks.access import (
     bounded,
     command_duties,
-    disperse_attitude,
+    disperse,
     draw_start,
     write_oracle_view,
 )
 from thruster_envs.tasks.contract import (
     FloatArray,
     Observations,
+    OneAgentState,
     Outcome,
     Task,
-    TaskState,
     Truth,
     axis_scale,
     change_fields,
     check_positive,
+    clock_field,
     error_fields,
 )
 from thruster_envs.tasks.shaping import delta_v_to_go, elliptic_delta_v_to_go
@@ -137,28 +130,11 @@ class RendezvousModel:
 
 
 @dataclass
-class RendezvousState(TaskState):
+class RendezvousState(OneAgentState[Statistics]):
     """Arrays of a batch."""
 
     model: RendezvousModel
-    statistics: FloatArray  # (worlds, 9), as Statistics names its columns
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
-
-    @cached_property
-    def outcome(self) -> Outcome:
-        """Views of the statistics."""
-        terms = self.statistics[:, np.newaxis, : len(OrionRendezvous.reward_terms)]
-        return Outcome(terms, self.episode.cost[:, np.newaxis], self.episode.over)
-
-    @cached_property
-    def truth(self) -> Truth:
-        """Views of the statistics."""
-        episode = columns_of(Statistics, self.statistics[:, np.newaxis])
-        return Truth(episode.open_time, episode.score, episode.success)
+    names = Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,15 +193,7 @@ class OrionRendezvous(Task):
             Field("position", "measured relative position", 3, "m", _POSITION, bound=_BOUND),
             Field("velocity", "measured relative velocity", 3, "m/s", _VELOCITY, bound=_BOUND),
             *error_fields(_ANGLE, _RATE, _BOUND),
-            Field(
-                "time_to_go",
-                "time to go",
-                1,
-                "s",
-                self.steps * self.vehicle.control_period,
-                reference="length of the episode",
-                lowest=0.0,
-            ),
+            clock_field("time_to_go", "time to go", self.steps * self.vehicle.control_period),
             Field("duties", "last duties", n, lowest=0.0),
             *change_fields(self.vehicle, _BOUND),
             *self.oracle_fields(),
@@ -233,12 +201,8 @@ class OrionRendezvous(Task):
 
     def create(self, worlds: int, threads: int | None) -> RendezvousState:
         """Arrays for that many worlds."""
-        fleet = Fleet(
-            self.vehicle, worlds, slots=self.fault_slots, nonlinear=self.nonlinear,
-            max_substep=self.max_substep, threads=threads,
-        )  # fmt: skip
-        statistics = np.zeros((worlds, len(Statistics._fields)))
-        return RendezvousState(fleet, self._model(fleet.ellipses()), statistics)
+        fleet, statistics = self.make_fleet(worlds, threads), np.zeros((worlds, len(Statistics._fields)))
+        return RendezvousState(fleet, statistics, self._model(fleet.ellipses()))
 
     def _model(self, ellipses: FloatArray) -> RendezvousModel:
         vehicle = self.vehicle
@@ -251,23 +215,11 @@ class OrionRendezvous(Task):
         reference = max(
             _delta_v(start, at_rest, duration, vehicle.mean_motion, ellipses, 0) for start in starts
         )
-        parameters = Parameters(
-            period=vehicle.control_period,
-            mean_motion=vehicle.mean_motion,
-            steps=float(self.steps),
-            acceleration=thrust / vehicle.mass,
-            lever=lever,
-            reference=reference,
-            position_tolerance=self.position_tolerance,
-            velocity_tolerance=self.velocity_tolerance,
-            attitude_tolerance=self.attitude_tolerance,
-            rate_tolerance=self.rate_tolerance,
-            range_limit=self.range_limit,
-            rate_limit=self.rate_limit,
-            rate_soft_limit=self.rate_soft_limit,
+        parameters = self.numbers(
+            Parameters, acceleration=thrust / vehicle.mass, lever=lever, reference=reference,
             distance=math.hypot(*self.start),
-        )
-        return RendezvousModel(axis_scale(vehicle), np.array(parameters))
+        )  # fmt: skip
+        return RendezvousModel(axis_scale(vehicle), parameters)
 
     def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
@@ -341,11 +293,10 @@ _SLEW_TIME = 60.0
 @njit
 def _true_errors(data, b, w):
     """Position, velocity, attitude error and rate error of a craft, as they truly are."""
-    q = (data[b, 6, w], data[b, 7, w], data[b, 8, w], data[b, 9, w])
-    rate = (data[b, 10, w], data[b, 11, w], data[b, 12, w])
     r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
     v = (data[b, 3, w], data[b, 4, w], data[b, 5, w])
-    return r, v, attitude_error(q), rate_error(q, rate, turning_of_frame(data, b, w))
+    angle, rate = errors_of(data, at.POSITION, b, w)
+    return r, v, angle, rate
 
 
 @njit
@@ -362,10 +313,7 @@ def _start(data, streams, which, start, numbers, ellipses, statistics):
     for world in which:
         b, w = place(world, 0, 1, lanes)
         draw_start(streams, b, w, 0, uniform)
-        for k in range(3):
-            data[b, at.POSITION + k, w] = start[k] + _DISPERSION[0] * (2.0 * uniform[k] - 1.0)
-            data[b, at.VELOCITY + k, w] = _DISPERSION[1] * (2.0 * uniform[3 + k] - 1.0)
-        disperse_attitude(data, b, w, uniform[6:12], _DISPERSION[2], _DISPERSION[3])
+        disperse(data, b, w, uniform, start, (0.0, 0.0, 0.0), _DISPERSION)
         statistics[world] = 0.0
         r, v, angle, rate = _true_errors(data, b, w)
         duration = parameters.steps * parameters.period
@@ -418,9 +366,7 @@ def _observe(data, faults, numbers, authority, observe_fault, observations, firs
     for world in range(first, last):
         b, w = place(world, 0, 1, lanes)
         row = observations[world]
-        q = (data[b, m + 6, w], data[b, m + 7, w], data[b, m + 8, w], data[b, m + 9, w])
-        measured_rate = (data[b, m + 10, w], data[b, m + 11, w], data[b, m + 12, w])
-        angle, rate = attitude_error(q), rate_error(q, measured_rate, turning_of_frame(data, b, w))
+        angle, rate = errors_of(data, m, b, w)
         for k in range(3):
             row[k] = bounded(data[b, m + k, w] / _POSITION, _BOUND)
             row[3 + k] = bounded(data[b, m + 3 + k, w] / _VELOCITY, _BOUND)

@@ -40,11 +40,11 @@ from thruster_envs.random import COMMAND, STEP, normal_pair, philox, uniform_pai
 from thruster_envs.spacecraft import Discharge
 from thruster_envs.tasks.access import bounded
 from thruster_envs.tasks.contract import (
+    EpisodeState,
     FloatArray,
     Observations,
     Outcome,
     Task,
-    TaskState,
     Truth,
     check_not_negative,
     check_whole,
@@ -164,7 +164,7 @@ class PulseModel:
 
 
 @dataclass
-class PulseState(TaskState):
+class PulseState(EpisodeState[Statistics]):
     """Arrays of a batch."""
 
     model: PulseModel
@@ -172,13 +172,8 @@ class PulseState(TaskState):
     pulse: FloatArray  # (worlds, 5), the truth about it, as PulseTruth names its columns
     case: NDArray[np.int64]  # (worlds,), what would be right to declare
     declared: NDArray[np.int64]  # (worlds,), the last declaration
-    statistics: FloatArray  # (worlds, 10), as Statistics names its columns
     none: FloatArray  # (worlds,), zeros: there is no cost, and no end but the time limit
-
-    @cached_property
-    def episode(self) -> Statistics:
-        """Views of the statistics by name."""
-        return columns_of(Statistics, self.statistics)
+    names = Statistics
 
     @cached_property
     def truth(self) -> PulseTruth:
@@ -380,12 +375,12 @@ class PulseDiagnosis(Task):
         )
         return PulseState(
             fleet,
+            np.zeros((worlds, len(Statistics._fields))),
             self._model(),
             measured=np.zeros((worlds, 2 * self.samples + 1)),
             pulse=np.zeros((worlds, len(PulseTruth._fields))),
             case=np.zeros(worlds, np.int64),
             declared=np.zeros(worlds, np.int64),
-            statistics=np.zeros((worlds, len(Statistics._fields))),
             none=np.zeros(worlds),
         )
 

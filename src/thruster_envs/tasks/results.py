@@ -4,27 +4,21 @@ from thruster_envs.kernels import kernel
 
 
 @kernel
-def write_results(
-    terms, cost, over, fuel, score, success, begins, steps, limit, numbers, flags, ends
-):  # fmt: skip
+def write_results(outcome, truth, begins, steps, limit, results):
     """Write the results of all worlds, and count the worlds whose episode is over.
 
     Args:
-        terms: (worlds, agents, terms), terms of the reward.
-        cost: (worlds, agents).
-        over: (worlds,), not 0 where an episode has come to its own end.
-        fuel: (worlds, agents).
-        score: (worlds, agents).
-        success: (worlds, agents), not 0 for True.
+        outcome: A tuple of an :class:`~thruster_envs.tasks.contract.Outcome`.
+        truth: A tuple of a :class:`~thruster_envs.tasks.contract.Truth`.
         begins: (worlds,), worlds that have just begun an episode: terms and cost are 0 in them, nothing is
             over.
         steps: (worlds,), steps of the episodes.
         limit: Steps after which an episode is cut.
-        numbers: (terms + 4, agents, worlds), filled: the terms, then cost, fuel, score, and the sum of the
-            terms.
-        flags: (2, agents, worlds) bool, filled: success, twice.
-        ends: (2, worlds) bool, filled: whether an episode has come to its own end, and whether it is cut.
+        results: Three arrays, filled. Numbers, (terms + 4, agents, worlds): the terms, then cost, fuel,
+            score, and the sum of the terms. Flags, (2, agents, worlds) bool: success, twice. Ends, (2,
+            worlds) bool: whether an episode has come to its own end, and whether it is cut.
     """
+    (terms, cost, over), (fuel, score, success), (numbers, flags, ends) = outcome, truth, results
     number = terms.shape[2]
     count = 0
     for world in range(steps.shape[0]):

@@ -252,10 +252,7 @@ class Worlds:
         numbers = np.empty((len(self.task.reward_terms) + 4, agents, worlds))
         flags, ends = np.empty((2, agents, worlds), np.bool_), np.empty((2, worlds), np.bool_)
         limit = _NO_LIMIT if self.max_episode_steps is None else self.max_episode_steps
-        ended = write_results(
-            outcome.reward_terms, outcome.cost, outcome.terminated, truth.fuel, truth.score, truth.success,
-            begins, self.steps, limit, numbers, flags, ends,
-        )  # fmt: skip
+        ended = write_results(tuple(outcome), tuple(truth), begins, self.steps, limit, (numbers, flags, ends))
         active = self.fleet.active(self.steps, self.task.first_commanded, agents)
         stale = self.fleet.stale()[:, self._commanded]
         return Step(self.observe(), numbers, flags, ends, active, stale, ended)
