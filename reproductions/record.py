@@ -95,7 +95,7 @@ class Table:
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.head):
                 raise ValueError(
-                    f"row {number} of {self.title!r} has {len(row)} cells; {len(self.head)} would be right"
+                    f"row {number} of {self.title!r} must have {len(self.head)} cells, got {len(row)}"
                 )
 
 
@@ -127,9 +127,9 @@ class Finding:
 
     def __post_init__(self) -> None:
         if not self.checks:
-            raise ValueError("checks is empty; one part of the criterion or more would be right")
+            raise ValueError("checks must have one part of the criterion or more, got none")
         if self.correction and self.not_reproducible:
-            raise ValueError("correction and not_reproducible are both given; one of them would be right")
+            raise ValueError("correction or not_reproducible must be given, got both")
 
     @property
     def verdict(self) -> Verdict:

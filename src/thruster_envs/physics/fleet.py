@@ -216,7 +216,7 @@ class Fleet:
             of_sensors = source.sensor_probability > 0.0
             if source.count[1] > self.slots:
                 raise ValueError(
-                    f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
+                    f"count must be at most {self.slots} faults (fault_slots), got {source.count!r}"
                 )
             most = source.sensor_count[1] + (source.count[1] if source.probability > 0.0 else 0)
             if of_sensors and most > self.slots:
@@ -242,8 +242,8 @@ class Fleet:
             of_sensors = any(fault.sensor is not None for fault in source)
         if waves and shortest < period:
             raise ValueError(
-                f"profile_time of an intermittent fault is {shortest:g} s; "
-                f"at least the control period, {period:g} s, would be right"
+                f"profile_time of an intermittent fault must be at least the control period, {period:g} s, "
+                f"got {shortest:g} s"
             )
         return FaultPlan(rows, table, isinstance(source, FaultDistribution), of_sensors)
 
@@ -269,15 +269,14 @@ class Fleet:
         for kind in kinds:
             if kind in DISCHARGE_KINDS and not discharges:
                 raise ValueError(
-                    f"kind {kind!r} is a fault of a discharge, and {name!r} has none; "
-                    f"one of {possible} would be right"
+                    f"kind must be one of {possible} where there is no discharge, as on {name!r}, got "
+                    f"{kind!r}"
                 )
             if kind not in self.kinds:
-                raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
+                raise ValueError(f"kind must be one of {possible} here, got {kind!r}")
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
-                f"shared is True, and here no thrusters of {name!r} share a capacitor; "
-                "shared=False would be right"
+                f"shared must be False where no thrusters share a capacitor, as of {name!r}, got True"
             )
 
     # What tasks do with it -----------------------------------------------------------------------------
