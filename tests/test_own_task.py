@@ -16,6 +16,7 @@ from thruster_envs.observations import Reader
 from thruster_envs.registration import ENVIRONMENTS, make_parallel, register
 from thruster_envs.rollout import fly
 from thruster_envs.tasks import OrionRendezvous, Task
+from thruster_envs.tasks.access import step_numbers
 from thruster_envs.testing import check_parallel_env, check_vector_env
 from thruster_envs.views import get_state, set_state
 
@@ -102,6 +103,48 @@ def test_a_world_of_a_batch_is_the_single_environment(own):
         np.testing.assert_array_equal(observations[34], observation)
         observations = envs.step(actions)[0]
         observation = env.step(actions[34])[0]
+
+
+def test_what_is_drawn_in_a_step_depends_on_seed_episode_and_period_alone(own):
+    """In any batch, as often as it is asked for; uniform and independent from one to the next."""
+    one, many = gym.make_vec(ID, num_envs=1).unwrapped, gym.make_vec(ID, num_envs=400).unwrapped
+    one.reset(seed=7 + 3)
+    many.reset(seed=7)
+    drawn = []
+    for _ in range(10):
+        numbers = step_numbers(many.worlds.fleet, 9)
+        np.testing.assert_array_equal(step_numbers(one.worlds.fleet, 9)[0], numbers[3])
+        np.testing.assert_array_equal(step_numbers(many.worlds.fleet, 3), numbers[..., :3])
+        drawn.append(numbers)
+        for envs in (one, many):
+            envs.step(np.full((envs.num_envs, 12), -1.0))
+    flat = np.array(drawn)[:, :, 0]  # (steps, worlds, 9)
+    assert len(np.unique(flat)) == flat.size
+    assert abs(flat.mean() - 0.5) < 4.0 / np.sqrt(12.0 * flat.size)
+    assert abs(flat.var() - 1.0 / 12.0) < 4.0 * np.sqrt(1.0 / 180.0 / flat.size)
+    ahead = np.corrcoef(flat[:-1].ravel(), flat[1:].ravel())[0, 1]
+    assert abs(ahead) < 4.0 / np.sqrt(flat[1:].size)
+    many.reset()
+    assert not np.isin(step_numbers(many.worlds.fleet, 9), flat).any()  # of the next episode
+
+
+def test_a_gust_turns_a_craft_that_nothing_else_turns(own):
+    quiet, gusty = (gym.make(ID, rate=1e-12, gust=gust) for gust in (0.0, 1e-3))
+    for env, least, most in ((quiet, 0.0, 1e-9), (gusty, 1e-4, 3e-3)):
+        _, before = env.reset(seed=1)
+        info = env.step(np.full(12, -1.0))[4]
+        assert least <= np.linalg.norm(info["state"]["rate"] - before["state"]["rate"]) <= most
+
+
+def test_gymnasium_registers_it_from_outside_by_its_path(own):
+    single, vector = (f"thruster_envs.views.{form}:detumble/Detumble" for form in ("single", "vector"))
+    gym.register(
+        "mine/Outside-v0", single, vector_entry_point=vector, max_episode_steps=7, kwargs={"gust": 0.0}
+    )
+    env, envs = gym.make("mine/Outside-v0"), gym.make_vec("mine/Outside-v0", num_envs=2)
+    assert env.unwrapped.task == envs.unwrapped.task == own.Detumble(gust=0.0)
+    np.testing.assert_array_equal(env.reset(seed=3)[0], envs.reset(seed=3)[0][0])
+    assert env.spec.max_episode_steps == 7
 
 
 def test_it_is_drawn_flown_copied_and_made_again_from_json(own):

@@ -20,7 +20,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(tmp_path)
     write_own_task(tmp_path)
     examples = [block for block in blocks() if not block.startswith(FIRST_LINE)]
-    assert len(examples) == 8
+    assert len(examples) == 9
     for block in examples:
         exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out
@@ -35,7 +35,8 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     thrusters, first = re.fullmatch(r"\{(.*)\} (\d+)", declared).groups()
     assert thrusters == "1"
     assert 400 <= int(first) < 1000
-    *decisions, end, spread, lengths = lines[approach:]
+    *decisions, end, spread, lengths, shape = lines[approach:]
+    assert shape == "(4, 15)"
     assert abs(float(spread) - 0.05 / 3.0**0.5) < 0.002  # of a uniform rate of 1,000 worlds
     assert lengths == "[40 40 40]"
     assert any(re.fullmatch(r"6\d\.\d s  identified: thruster 3, stuck_on", line) for line in decisions)

@@ -1,8 +1,9 @@
-"""The command ``thruster-envs``: ``thruster-envs warmup`` compiles the kernels before anyone waits for them.
+"""The command ``thruster-envs``.
 
-Kernels are compiled by use: every environment is made, reset and stepped, once as a single environment, once
-as a batch and, where it has one and PettingZoo is installed, as a parallel environment. What is compiled is
-kept as :mod:`thruster_envs.kernels` says.
+``thruster-envs describe`` says what a spacecraft can do; ``thruster-envs warmup`` compiles the kernels before
+anyone waits for them. They are compiled by use: every environment is made, reset and stepped, once as a
+single environment, once as a batch and, where it has one and PettingZoo is installed, as a parallel
+environment. What is compiled is kept as :mod:`thruster_envs.kernels` says.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numba.core import event
 from thruster_envs import kernels
 from thruster_envs.configuration import nearest, suggestion
 from thruster_envs.registration import ENVIRONMENTS, register_all
-from thruster_envs.spacecraft.files import catalogue
+from thruster_envs.spacecraft import catalogue, describe
 
 PROGRAM = "thruster-envs"
 #: Worlds of the batches by which kernels for batches are compiled: there are some for small ones.
@@ -64,12 +65,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="for which vehicles: names in the catalogue or TOML files; by default each environment's own, "
         "and where no ID is given the whole catalogue",
     )  # fmt: skip
+    summary = commands.add_parser(
+        "describe",
+        help="say what a spacecraft can do",
+        description="Authority per axis, what is lost without each thruster, shortest pulses, pairs alike.",
+    )
+    summary.add_argument("spacecraft", metavar="NAME_OR_FILE", help="a name in the catalogue or a TOML file")
     given = parser.parse_args(arguments)
     try:
+        if given.command == "describe":
+            sys.stdout.write(f"{describe(given.spacecraft)}\n")
+            return 0
         identifiers = [_identifier(name) for name in given.environments]
         return _warm_up(identifiers or list(ENVIRONMENTS), _vehicles(given.spacecraft, bool(identifiers)))
     except ValueError as error:
-        _say(f"{PROGRAM} warmup: {error}")
+        _say(f"{PROGRAM} {given.command}: {error}")
         return 2
     except KeyboardInterrupt:
         _say(f"\n{PROGRAM} warmup: interrupted; what was compiled is kept")

@@ -332,8 +332,8 @@ def _entries(info: Mapping[str, Any]) -> Iterator[tuple[str, Array]]:
             yield name, array
 
 
-#: What Gymnasium and wrappers put into infos at the end of an episode, and what stands there twice.
-_NOT_RECORDED = ("final_info", "final_obs", "episode", "is_success")
+#: What Gymnasium and wrappers put into infos at the end of an episode, and what is recorded by another name.
+_NOT_RECORDED = ("final_info", "final_obs", "episode", "is_success", "state")
 
 
 def _where(mask: NDArray[np.bool_], first: Array, second: Array) -> Array:

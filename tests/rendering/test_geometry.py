@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from thruster_envs.rendering.layout import arrange
 from thruster_envs.rendering.model import build_model, rotation_from_quaternion
 from thruster_envs.rendering.ticks import round_limits, round_step, tick_label, tick_values
-from thruster_envs.spacecraft import load
+from thruster_envs.spacecraft import catalogue, load
 
 THRUSTERS = load("orion").thrusters
 SIDES = np.where(np.arange(len(THRUSTERS)) % 2 == 0, 1.0, -1.0)
@@ -31,7 +31,7 @@ def test_a_quaternion_gives_a_proper_rotation(quaternion):
     assert np.linalg.det(matrix) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", ["orion", "spheres", "msr_chaser", "ppt_cubesat"])
+@pytest.mark.parametrize("name", catalogue())
 def test_solids_are_convex_with_outward_normals(name):
     model = build_model(load(name))
     for solids in (model.box, model.nozzles, model.clusters):
@@ -42,7 +42,7 @@ def test_solids_are_convex_with_outward_normals(name):
                 assert heights.max() < 1e-9 * model.size
 
 
-@pytest.mark.parametrize("name", ["orion", "spheres", "msr_chaser", "ppt_cubesat"])
+@pytest.mark.parametrize("name", catalogue())
 def test_everything_drawn_is_within_reach_and_no_thruster_inside_the_body(name):
     spacecraft = load(name)
     model = build_model(spacecraft)

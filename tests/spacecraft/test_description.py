@@ -21,6 +21,7 @@ from thruster_envs.spacecraft import (
     catalogue,
     load,
     objective_weights,
+    save,
 )
 
 THRUSTER = {"name": "a", "position": [0.0, 0.5, 0.0], "direction": [1.0, 0.0, 0.0], "thrust": 2.0}
@@ -155,6 +156,18 @@ def test_moments_that_break_the_triangle_inequality_are_refused(moments):
             load({**CRAFT, "inertia": inertia})
     with pytest.raises(ValueError, match=re.escape("got 1, 2 and 4 kg m^2")):
         load("orion").replace(inertia=np.diag([4.0, 1.0, 2.0]))
+
+
+def test_an_inertia_as_a_source_prints_it_is_taken_where_the_description_says_so(tmp_path):
+    printed = np.diag([1.0, 2.0, 4.0])
+    with pytest.raises(ValueError, match="unphysical_inertia = true takes it as it is"):
+        load("orion").replace(inertia=printed)
+    craft = load("orion").replace(inertia=printed, unphysical_inertia=True)
+    save(craft, tmp_path / "printed.toml")
+    assert load(tmp_path / "printed.toml") == craft
+    np.testing.assert_allclose(printed @ craft.effectiveness()[3:], craft.wrenches()[3:], rtol=1e-14)
+    with pytest.raises(ValueError, match="not positive definite"):
+        craft.replace(inertia=np.diag([1.0, -2.0, 4.0]))
 
 
 @pytest.mark.parametrize("name", catalogue())

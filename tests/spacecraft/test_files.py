@@ -75,8 +75,9 @@ def test_path_text_mapping_and_spacecraft_are_all_sources(file):
     assert load(by_path) is by_path
 
 
-def test_catalogue_has_orion_and_spheres():
-    assert {"orion", "spheres"} <= set(catalogue())
+def test_catalogue_has_free_flyers_a_chaser_and_a_cubesat():
+    free_flyers = {"orion", "spheres", "astrobee_like", "atmos_like"}
+    assert {*free_flyers, "msr_chaser", "ppt_cubesat"} <= set(catalogue())
     assert list(catalogue()) == sorted(catalogue())
 
 

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from thruster_envs.spacecraft import Spacecraft, load
+from thruster_envs.spacecraft import catalogue as names
 
 QUIET = {"position": 0.0, "velocity": 0.0, "attitude": 0.0, "rate": 0.0}
 
 
 def vehicles() -> dict[str, Spacecraft]:
     """Name to vehicle: those of the catalogue, and variants of each kind of thruster."""
-    catalogue = {name: load(name) for name in ("orion", "spheres", "msr_chaser", "ppt_cubesat")}
+    catalogue = {name: load(name) for name in names()}
     found = dict(catalogue)
     for base in ("orion", "msr_chaser", "ppt_cubesat"):
         plain = catalogue[base].to_dict()

@@ -335,15 +335,16 @@ def test_a_spacecraft_of_ones_own_is_used_by_its_path(identifier, tmp_path):
             env.reset()
 
 
-def test_spheres_flies_in_every_task_that_needs_neither_discharge_nor_modulator(identifier):
+@pytest.mark.parametrize("name", ["spheres", "astrobee_like", "atmos_like"])
+def test_free_flyers_fly_in_every_task_that_needs_neither_discharge_nor_modulator(identifier, name):
     own = gym.make(identifier).unwrapped.task.vehicle
     for device in ("discharge", "modulator"):
         if getattr(own, device) is not None:
-            with pytest.raises(ValueError, match=f"'spheres' has no {device}"):
-                gym.make(identifier, spacecraft="spheres")
+            with pytest.raises(ValueError, match=f"'{name}' has no {device}"):
+                gym.make(identifier, spacecraft=name)
             return
     check_env(
-        gym.make(identifier, spacecraft="spheres", faults=faults_of(identifier)).unwrapped,
+        gym.make(identifier, spacecraft=name, faults=faults_of(identifier)).unwrapped,
         skip_render_check=True,
     )
 

@@ -6,10 +6,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
@@ -124,9 +126,9 @@ def test_infos_carry_the_last_observation_and_the_score(identifier):
     assert dones.all()
     assert np.array_equal(infos[1]["terminal_observation"], observation)
     assert infos[1]["TimeLimit.truncated"] is True
-    assert {key: infos[1][key] for key in ("score", "success", "is_success", "cost", "fuel")} == {
-        key: info[key] for key in ("score", "success", "is_success", "cost", "fuel")
-    }
+    told = {key: infos[1].pop(key) for key in ("terminal_observation", "TimeLimit.truncated")}
+    assert data_equivalence(infos[1], info, exact=True)
+    assert set(told) == {"terminal_observation", "TimeLimit.truncated"}
     assert np.array_equal(observations[1], alone.reset()[0])
 
 
@@ -142,6 +144,30 @@ def test_vec_monitor_reports_scores():
     for info in infos:
         assert info["episode"]["l"] == 32
         assert 0.0 <= info["episode"]["score"] <= 1.0
+
+
+class Still:
+    """A model as ``evaluate_policy`` wants one, that does nothing."""
+
+    def predict(self, observation, **_):
+        return np.full((len(observation), 12), -1.0, np.float32), None
+
+
+def test_evaluation_reads_success_and_everything_else_at_the_end_of_an_episode():
+    env = VecMonitor(
+        SB3VecEnv(gym.make_vec(
+            "thruster_envs/FormationKeeping-v0", num_envs=3, max_episode_steps=2, radius=0.5,
+            keep_out=0.1, slot_tolerance=2.0, faults=[],
+        )),
+        info_keywords=("is_success", "reward_terms", "state"),
+    )  # fmt: skip
+    evaluation = EvalCallback(env)
+    _, lengths = evaluate_policy(
+        Still(), env, n_eval_episodes=6, return_episode_rewards=True,
+        callback=evaluation._log_success_callback,
+    )  # fmt: skip
+    assert lengths == [2] * 6
+    assert evaluation._is_success_buffer == [True] * 6
 
 
 def test_an_unlike_environment_must_reset_in_the_same_step():
@@ -496,6 +522,11 @@ def test_all_craft_of_a_formation_end_together_each_with_its_own_last_observatio
         observations, _, dones, infos = env.step(np.full((9, 12), -0.9, np.float32))
     assert dones.all()
     assert all(info["TimeLimit.truncated"] is True for info in infos)
+    told = env.latest_info()
+    for row, info in enumerate(infos):
+        assert info["reward_terms"]["fuel"] == told["reward_terms"]["fuel"][divmod(row, 3)]
+        assert np.array_equal(info["state"]["position"], told["state"]["position"][divmod(row, 3)])
+        assert type(info["is_success"]) is bool
     last = np.stack([info["terminal_observation"] for info in infos])
     assert len(np.unique(last, axis=0)) == 9
     assert not np.array_equal(last, observations)

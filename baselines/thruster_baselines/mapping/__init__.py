@@ -8,6 +8,7 @@ from thruster_baselines.mapping.additive import AdditiveCompensationMapper
 from thruster_baselines.mapping.attitude_uncertainty import AttitudeUncertainty
 from thruster_baselines.mapping.carrying import CarryingMapper
 from thruster_baselines.mapping.chance_constrained import ChanceConstrainedMapper
+from thruster_baselines.mapping.comparison import ComparedMapper, MapperComparison, compare_mappers
 from thruster_baselines.mapping.compensation import CompensatedAllocation
 from thruster_baselines.mapping.coupling import (
     commanded_on_times,
@@ -39,6 +40,7 @@ __all__ = [
     "AttitudeUncertainty",
     "CarryingMapper",
     "ChanceConstrainedMapper",
+    "ComparedMapper",
     "CompensatedAllocation",
     "ConicRobustMapper",
     "CrudeMapper",
@@ -47,6 +49,7 @@ __all__ = [
     "LPMapper",
     "LPSequence",
     "MILPMapper",
+    "MapperComparison",
     "MinimumNormShiftMapper",
     "MinimumPulseMapper",
     "NonNegativeLeastSquaresMapper",
@@ -61,6 +64,7 @@ __all__ = [
     "SchmittTriggerMapper",
     "TruncatingMapper",
     "commanded_on_times",
+    "compare_mappers",
     "delivered_on_times",
     "delivered_rate_change",
     "minimum_pulses",

@@ -49,6 +49,8 @@ class CarryingMapper(RememberingMapper):
     (array([0.   , 0.   , 0.012, 0.   ]), array([0.004]))
     """
 
+    _within = "MinimumPulseMapper(spacecraft)"
+
     def __init__(self, mapper: Mapper, worlds: int | None = None, *, limit: ArrayLike | None = None) -> None:
         super().__init__(mapper, worlds)
         self.largest_remainder = _largest_remainder(self._model, limit)

@@ -16,13 +16,17 @@ rate changes and has neither weakness.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from thruster_baselines.mapping.minimum_pulse import pulse_lengths
 from thruster_baselines.mapping.model import Model
+from thruster_baselines.mapping.truncating import within_and_pulse
 from thruster_baselines.mapping.wrapping import Memory, RememberingMapper, achieved_rate_change
 from thruster_envs.protocols import Allocation, FloatArray, Mapper
+from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["SchmittTriggerMapper"]
 
@@ -35,9 +39,9 @@ class SchmittTriggerMapper(RememberingMapper):
     and stays shut; no other collects more than `open_at` and one period.
 
     Args:
-        mapper: The mapper within, without a memory.
-        minimum_pulse: (n,) or one number, s: the shortest pulse that opens a valve; see
-            `thruster_baselines.mapping.minimum_pulses` for that of a spacecraft.
+        mapper: The mapper within, without a memory; or a spacecraft, of which it is then the `LPMapper`.
+        minimum_pulse: (n,) or one number, s: the shortest pulse that opens a valve; a spacecraft's default is
+            that of its thrusters.
         open_at: (n,) or one number, s: collected on-time at which a thruster starts to fire; `close_at` by
             default.
         close_at: (n,) or one number, s: collected on-time below which it stops; the minimum pulse by
@@ -50,7 +54,8 @@ class SchmittTriggerMapper(RememberingMapper):
         remainder: (m,) or (worlds, m), m/s then rad/s: what the collected on-times would give.
 
     Raises:
-        ValueError: Lengths that are not in the order minimum pulse, `close_at`, `open_at`.
+        ValueError: Lengths that are not in the order minimum pulse, `close_at`, `open_at`; with a mapper, a
+            missing minimum pulse.
 
     `cost` is the total on-time, s; `status` is that of the mapper within.
 
@@ -62,13 +67,14 @@ class SchmittTriggerMapper(RememberingMapper):
 
     def __init__(
         self,
-        mapper: Mapper,
-        minimum_pulse: ArrayLike,
+        mapper: Mapper | Spacecraft | str | Path,
+        minimum_pulse: ArrayLike | None = None,
         *,
         open_at: ArrayLike | None = None,
         close_at: ArrayLike | None = None,
         worlds: int | None = None,
     ) -> None:
+        mapper, minimum_pulse = within_and_pulse(mapper, minimum_pulse)
         super().__init__(mapper, worlds)
         n = self._model.max_on_time.size
         self.minimum_pulse = pulse_lengths(minimum_pulse, n, "minimum_pulse")

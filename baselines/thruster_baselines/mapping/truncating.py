@@ -11,24 +11,30 @@ Left out: rounding up a pulse that is nearly long enough, and finding the on-tim
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.mapping.minimum_pulse import pulse_lengths
+from thruster_baselines.mapping.lp import LPMapper
+from thruster_baselines.mapping.minimum_pulse import minimum_pulses, pulse_lengths
 from thruster_baselines.mapping.model import Model
 from thruster_baselines.mapping.wrapping import WrappingMapper, achieved_rate_change
 from thruster_envs.protocols import Allocation, FloatArray, Mapper
+from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["TruncatingMapper"]
+__all__ = ["TruncatingMapper", "within_and_pulse"]
 
 
 class TruncatingMapper(WrappingMapper):
     """Leaves out what is shorter than a minimum pulse.
 
     Args:
-        mapper: The mapper within, without a memory.
-        minimum_pulse: (n,) or one number, s; see `thruster_baselines.mapping.minimum_pulses` for that of a
-            spacecraft.
+        mapper: The mapper within, without a memory; or a spacecraft, of which it is then the `LPMapper`.
+        minimum_pulse: (n,) or one number, s; a spacecraft's default is that of its thrusters.
+
+    Raises:
+        ValueError: With a mapper, a missing minimum pulse.
 
     `cost` is the total on-time, s; `status` is that of the mapper within.
 
@@ -38,7 +44,10 @@ class TruncatingMapper(WrappingMapper):
     (array([0., 0.]), array([0.004]))
     """
 
-    def __init__(self, mapper: Mapper, minimum_pulse: ArrayLike) -> None:
+    def __init__(
+        self, mapper: Mapper | Spacecraft | str | Path, minimum_pulse: ArrayLike | None = None
+    ) -> None:
+        mapper, minimum_pulse = within_and_pulse(mapper, minimum_pulse)
         super().__init__(mapper)
         self.minimum_pulse = pulse_lengths(minimum_pulse, self._model.max_on_time.size, "minimum_pulse")
 
@@ -47,3 +56,22 @@ class TruncatingMapper(WrappingMapper):
         on_times = np.where(asked.on_times >= self.minimum_pulse, asked.on_times, 0.0)
         slack = command - achieved_rate_change(model.effectiveness, on_times)
         return Allocation(on_times, slack, np.asarray(on_times.sum(axis=-1)), asked.status)
+
+
+def within_and_pulse(
+    mapper: Mapper | Spacecraft | str | Path, minimum_pulse: ArrayLike | None
+) -> tuple[Mapper, ArrayLike]:
+    """A mapper and a minimum pulse, s, where either may be left to a spacecraft.
+
+    Raises:
+        ValueError: A mapper without a minimum pulse.
+    """
+    if isinstance(mapper, Spacecraft | str | Path):
+        craft = load(mapper)
+        return LPMapper(craft), minimum_pulses(craft) if minimum_pulse is None else minimum_pulse
+    if minimum_pulse is None:
+        raise ValueError(
+            "minimum_pulse is missing; give a number of s beside a mapper, such as "
+            "minimum_pulses(spacecraft), or the spacecraft in the mapper's place"
+        )
+    return mapper, minimum_pulse

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.mapping.base import BaseMapper
 from thruster_baselines.mapping.model import Model
+from thruster_envs.configuration import shown
 from thruster_envs.protocols import Allocation, FloatArray, Mapper, MapperWithMemory
 
 __all__ = ["Memory", "RememberingMapper", "WrappingMapper", "achieved_rate_change"]
@@ -35,10 +36,15 @@ class WrappingMapper(BaseMapper):
         max_on_time: (n,), s, that of the mapper within; read-only.
 
     Raises:
-        ValueError: A mapper within that has a memory of its own.
+        ValueError: Something else than a mapper, or one that has a memory of its own.
     """
 
+    #: What the mapper within may be, for the error line.
+    _within = "LPMapper(spacecraft)"
+
     def __init__(self, mapper: Mapper) -> None:
+        if not hasattr(mapper, "max_on_time"):
+            raise ValueError(f"mapper must be a mapper such as {self._within}, got {shown(mapper)}")
         if isinstance(mapper, MapperWithMemory):
             raise ValueError(
                 f"the mapper within must have no memory, got a {type(mapper).__name__}, which carries over "

@@ -17,6 +17,7 @@ from thruster_envs.spacecraft.actuators import (
 from thruster_envs.spacecraft.description import SLACK_FACTOR, Sensors, Spacecraft, objective_weights
 from thruster_envs.spacecraft.files import catalogue, load, save
 from thruster_envs.spacecraft.orbit import Orbit
+from thruster_envs.spacecraft.summary import SpacecraftSummary, describe
 
 __all__ = [
     "SLACK_FACTOR",
@@ -28,8 +29,10 @@ __all__ = [
     "ReactionWheel",
     "Sensors",
     "Spacecraft",
+    "SpacecraftSummary",
     "Thruster",
     "catalogue",
+    "describe",
     "load",
     "objective_weights",
     "save",

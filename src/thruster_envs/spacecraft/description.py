@@ -43,6 +43,7 @@ from thruster_envs.spacecraft.actuators import (
     check_size,
 )
 from thruster_envs.spacecraft.actuators import Vector as Vector
+from thruster_envs.spacecraft.brief import brief
 from thruster_envs.spacecraft.orbit import EARTH_MU as EARTH_MU  # it stood here once
 from thruster_envs.spacecraft.orbit import FASTEST_ORBIT, Orbit
 
@@ -98,6 +99,7 @@ class Spacecraft:
         mass: With all its propellant, kg.
         inertia: About the centre of mass, body axes, 3 rows of 3, kg m^2; symmetric and positive definite,
             no principal moment larger than the sum of the other two.
+        unphysical_inertia: Take an inertia that breaks this last rule, as printed by a source.
         thrusters: At least one.
         feed: The propellant feed that they share.
         sensors: Errors of the relative navigation.
@@ -128,6 +130,7 @@ class Spacecraft:
     name: str
     mass: float
     inertia: tuple[Vector, Vector, Vector]
+    unphysical_inertia: bool = False
     thrusters: tuple[Thruster, ...]
     feed: Feed = field(default_factory=Feed)
     sensors: Sensors = field(default_factory=Sensors)
@@ -146,7 +149,7 @@ class Spacecraft:
     def __post_init__(self) -> None:
         coerce_fields(self)
         check_positive("mass", self.mass, "kg")
-        _check_inertia(self.inertia)
+        _check_inertia(self.inertia, self.unphysical_inertia)
         require(len(self.thrusters) > 0, "thrusters", (), "at least one thruster")
         _check_names("thrusters", self.thrusters)
         propellant = self.feed.propellant_mass
@@ -246,6 +249,10 @@ class Spacecraft:
                 self.discharge.firing_time,
                 f"at most the control_period, {self.control_period!r} s",
             )
+
+    def __repr__(self) -> str:
+        """A few lines that tell it from others; `to_dict` has everything."""
+        return brief(self)
 
     @property
     def reference_orbit(self) -> Orbit:
@@ -454,7 +461,7 @@ def _check_names(what: str, actuators: tuple[Any, ...]) -> None:
         names[one.name] = number
 
 
-def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
+def _check_inertia(inertia: tuple[Vector, Vector, Vector], unphysical: bool) -> None:
     matrix = np.array(inertia)
     require(bool(np.all(np.isfinite(matrix))), "inertia", inertia, "nine finite numbers of kg m^2")
     largest = float(np.abs(matrix).max())
@@ -469,8 +476,9 @@ def _check_inertia(inertia: tuple[Vector, Vector, Vector]) -> None:
             f"inertia must have positive principal moments, got {inertia!r}, whose smallest is {first:.4g} "
             "kg m^2"
         )
-    if third - first - second > ROUND_OFF * third:
+    if third - first - second > ROUND_OFF * third and not unphysical:
         raise ValueError(
             "inertia must be that of a body, each principal moment at most the sum of the other two, "
-            f"got {first:.6g}, {second:.6g} and {third:.6g} kg m^2"
+            f"got {first:.6g}, {second:.6g} and {third:.6g} kg m^2; "
+            "unphysical_inertia = true takes it as it is"
         )

@@ -20,6 +20,10 @@ MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_ATTITUDE, MEASURED_RATE = (
 )
 
 
+#: What a task of one's own draws for in a step: the purpose after those of :mod:`thruster_envs.random`.
+_OWN = 8
+
+
 @njit(forceinline=True)
 def draw_start(streams, b, w, craft, uniform):
     """Fill ``uniform`` with numbers from 0 to 1 for the start of an episode; its size is a multiple of 8."""
@@ -45,6 +49,35 @@ def start_numbers(fleet: Fleet, which: NDArray[np.int64], count: int) -> NDArray
     """Numbers from 0 to 1 for the start of episodes, functions of their seeds: (len(which), craft, count)."""
     uniform = np.empty((len(which), fleet.craft, 8 * -(-count // 8)))
     _fill_starts(fleet.streams, which, uniform)
+    return uniform[..., :count]
+
+
+@kernel
+def _fill_steps(data, streams, uniform):
+    number_of_craft, lanes = uniform.shape[1], streams.shape[2]
+    for world in range(uniform.shape[0]):
+        for craft in range(number_of_craft):
+            b, w = place(world, craft, number_of_craft, lanes)
+            for block in range(uniform.shape[2] // 8):
+                words = philox(
+                    np.uint64(block), np.uint64(np.int64(data[b, at.STEP, w])), streams[b, at.EPISODE, w],
+                    np.uint64(_OWN << 32) | np.uint64(craft), streams[b, at.KEY_LOW, w],
+                    streams[b, at.KEY_HIGH, w],
+                )  # fmt: skip
+                for k in range(4):
+                    first, second = uniform_pair(words[k])
+                    uniform[world, craft, 8 * block + 2 * k] = first
+                    uniform[world, craft, 8 * block + 2 * k + 1] = second
+
+
+def step_numbers(fleet: Fleet, count: int) -> NDArray[np.float64]:
+    """Numbers from 0 to 1 for a step: (worlds, craft, count).
+
+    They are functions of the seed, the episode and the control periods flown so far: the same however often
+    they are asked for before ``fleet.fly()``, others after it.
+    """
+    uniform = np.empty((fleet.worlds, fleet.craft, 8 * -(-count // 8)))
+    _fill_steps(fleet.data, fleet.streams, uniform)
     return uniform[..., :count]
 
 

@@ -248,6 +248,8 @@ class Task(ABC):
     one_agent: ClassVar[dict[str, Any]] = {}
     #: Whether its craft move.
     flies: ClassVar[bool] = True
+    #: Whether those that do change their place too, and not only turn.
+    translates: ClassVar[bool] = True
     #: Whether it takes vehicles with reaction wheels or control-moment gyros.
     takes_storage: ClassVar[bool] = False
 

@@ -201,6 +201,7 @@ class FormationAttitude(Task):
     pulse_price: float = 0.1
 
     reward_terms: ClassVar[tuple[str, ...]] = ("pointing", "balance", "pulses")
+    translates: ClassVar[bool] = False
     max_episode_steps: ClassVar[int | None] = 3000
     one_agent: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}
 

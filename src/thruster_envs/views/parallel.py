@@ -293,6 +293,8 @@ class FormationParallelEnv(TaskParallelEnv):
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
 
     ## Arguments
 
@@ -415,6 +417,8 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
       lost.
     - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly turns: `attitude` from LVLH to the body (scalar first), `rate` (rad/s,
+      inertial, body axes).
     - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
       `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
       where it is not.

@@ -2,8 +2,9 @@
 
 At the end of an episode ``infos[i]`` has ``terminal_observation`` and ``TimeLimit.truncated``, so that
 on-policy algorithms bootstrap over a time limit and off-policy ones store the true last observation; it also
-has the last ``score``, ``success``, ``cost`` and ``fuel``, ``is_success``, from which SB3 logs a success
-rate, and ``episode`` where Gymnasium's ``RecordEpisodeStatistics`` is beneath. While an episode runs the
+has all that the environment said last (``is_success``, from which SB3 logs a success rate, ``score``,
+``reward_terms``, ``fault``, ``state``), and ``episode`` where Gymnasium's ``RecordEpisodeStatistics`` is
+beneath. While an episode runs the
 infos are empty dictionaries: thousands of them would cost more than the physics. :meth:`latest_info` has
 everything, as arrays.
 """
@@ -32,9 +33,6 @@ from thruster_envs.views.worlds import Step, Worlds
 
 with extra("sb3", __name__):
     from stable_baselines3.common.vec_env import VecEnv
-
-#: Keys of the last info of an episode that are handed on, beside the two that SB3 knows.
-FINAL_KEYS = ("score", "success", "is_success", "cost", "fuel")
 
 #: Gymnasium's wrappers that never look at the autoreset mode, nor change observations.
 _INDIFFERENT = (
@@ -236,9 +234,9 @@ class SB3VecEnv(_BatchVecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         final, statistics = latest.get("final_info", {}), latest.get("episode", {})
         for i in np.flatnonzero(done):
+            infos[i] = _of_row(final, int(i))
             infos[i]["terminal_observation"] = _row(latest["final_obs"], int(i))
             infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
-            infos[i].update({key: final[key][i].item() for key in FINAL_KEYS if key in final})
             if statistics:
                 infos[i]["episode"] = {key: statistics[key][i].item() for key in ("r", "l", "t")}
         return observations, rewards.astype(np.float32), done, infos
@@ -317,12 +315,19 @@ def _row(observations: Any, row: int) -> Any:
 
 
 def _of_row(infos: dict[str, Any], row: int | tuple[int, int]) -> dict[str, Any]:
-    """What infos say of one row, or of a craft of a world, without masks and endings."""
+    """What infos say of one row, or of a craft of a world, without masks and endings, as Python's numbers."""
     return {
-        key: _of_row(value, row) if isinstance(value, dict) else np.copy(value[row])[()]
+        key: _of_row(value, row) if isinstance(value, dict) else _own(value[row])
         for key, value in infos.items()
-        if not key.startswith(("_", "final_"))
+        if not key.startswith(("_", "final_")) and (f"_{key}" not in infos or infos[f"_{key}"][row])
     }
+
+
+def _own(value: Any) -> Any:
+    """A copy of an array, and of one entry the number itself; what is neither stays as it is."""
+    if not isinstance(value, np.ndarray | np.generic):
+        return value
+    return value.item() if value.ndim == 0 else value.copy()
 
 
 class _Recorder(VectorWrapper):
@@ -513,10 +518,9 @@ class SharedPolicyVecEnv(MidEpisode, _BatchVecEnv):
         if over.size:
             for world in over:
                 for c in range(self.craft):
-                    info = infos[world * self.craft + c]
+                    info = infos[world * self.craft + c] = _of_row(self._latest, (int(world), c))
                     info["terminal_observation"] = step.observations[world, c]
                     info["TimeLimit.truncated"] = bool(step.truncated[world] and not step.terminated[world])
-                    info.update({key: self._latest[key][world, c].item() for key in FINAL_KEYS})
             self.worlds.reset(over)
             observations = self._rows(self.worlds.observe())
         rewards = step.rewards.reshape(-1).astype(np.float32)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import nearest
 from thruster_envs.faults import FaultDistribution
+from thruster_envs.physics import rows as at
 from thruster_envs.physics.fleet import FaultPlan
 from thruster_envs.physics.orbits import Ellipse
 from thruster_envs.tasks import Task
@@ -24,6 +25,9 @@ from thruster_envs.views.storage import Storage
 _LOW = 2**64 - 1
 _ANOMALY, _ANGLE = Ellipse._fields.index("anomaly"), Ellipse._fields.index("angle")
 _NO_LIMIT = 2**62
+#: What ``info`` says of how a craft moves, and where it stands in the rows from the position on.
+_TURNING = {"attitude": slice(6, 10), "rate": slice(10, 13)}
+_MOTION = {"position": slice(0, 3), "velocity": slice(3, 6)} | _TURNING
 #: A bound on the worlds of one batch that only a slip of the pen reaches.
 MOST_WORLDS = 2**31 - 1
 #: The same of threads: there are no more of them than blocks of worlds, whatever is asked for.
@@ -286,9 +290,12 @@ class Worlds:
         ``thruster_envs.faults.KINDS`` from 1, or of ``SENSOR_KINDS`` where a sensor fails; 0 is an empty
         slot), ``severity``, ``onset`` (s), ``active``, ``sensor`` (code, in the order of
         ``thruster_envs.faults.SENSORS`` from 1; 0 for a thruster) and ``axis`` (from 1; 0 for all three).
-        ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. What a task
-        has to report beyond that comes last; about an orbit that is elliptic or has J2 then ``orbit``, with
-        the ``true_anomaly`` (worlds, agents), rad; with J2 it counts from the vehicle's argument of perigee.
+        ``stale`` (worlds, agents, sensors) says of which sensor the last measurement dropped out. Then comes
+        what a task has to report beyond that. ``state``, where craft fly, is how they truly move, (worlds,
+        agents, 3 or 4) each: ``position`` (m) and ``velocity`` (m/s) in LVLH axes, but of craft that only
+        turn, ``attitude`` from LVLH to the body (scalar first) and inertial ``rate`` in body axes (rad/s).
+        About an orbit that is elliptic or has J2 there is ``orbit``, with the ``true_anomaly`` (worlds,
+        agents), rad; with J2 it counts from the vehicle's argument of perigee.
 
         Args:
             step: What the last step gave, whose arrays become those of the info; None takes :meth:`now`.
@@ -337,7 +344,15 @@ class Worlds:
     def _report(self) -> dict[str, dict[str, NDArray[Any]]]:
         """What else there is to report: group to name to (worlds, agents, ...), new arrays."""
         stored = {} if self._storage is None else self._storage.report()
-        return self.task.report(self.state) | stored | self._orbit()
+        return self.task.report(self.state) | self._true_state() | stored | self._orbit()
+
+    def _true_state(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """How the commanded craft truly move; nothing where nothing flies, no place where they only turn."""
+        if not self.task.flies:
+            return {}
+        rows = self.fleet.read(at.POSITION, 13)[:, self._commanded]
+        names = _MOTION if self.task.translates else _TURNING
+        return {"state": {name: rows[..., part] for name, part in names.items()}}
 
     def _orbit(self) -> dict[str, dict[str, NDArray[Any]]]:
         """Where a fleet stands on its orbit; nothing where it turns steadily, or nothing flies."""

@@ -98,6 +98,8 @@ class ActiveDiagnosisEnv(TaskEnv):
       thruster alone), times the share of the time without a fault in which none was declared; so far.
     - `success`: whether what was declared last is right, without a false alarm on the way.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
     - `diagnosis`: `detected`, `delay`, `false_alarms`, `isolated`, `identified`, `thruster` and `mode` as in
       `FaultDiagnosis-v0`; `tested`: test pulses fired since the reset, thruster-seconds.
 

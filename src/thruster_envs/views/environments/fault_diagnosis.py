@@ -110,6 +110,8 @@ class FaultDiagnosisEnv(TaskEnv):
       thruster alone), times the share of the time without a fault in which none was declared; so far.
     - `success`: whether what was declared last is right, without a false alarm on the way.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
     - `diagnosis`: how it went. `detected`: whether the first fault has been noticed: a fault was declared
       that is not the false alarm which stood when it began. `delay`: from its onset to then, s; -1 if not
       yet. `false_alarms`: times that a fault, or another thruster's, was declared while none acted.

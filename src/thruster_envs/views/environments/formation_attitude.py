@@ -100,6 +100,8 @@ class FormationAttitudeEnv(TaskEnv):
       lost.
     - `success`: whether all six are met and the attitude settled within 1000 s of its target being set.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly turns: `attitude` from LVLH to the body (scalar first), `rate` (rad/s,
+      inertial, body axes).
     - `attitude`: `error`, the angle from the target in rad; `requirements_met`, how many of the six;
       `settling_time`, s from the target being set until the attitude was within its tolerance for good, -1
       where it is not.

@@ -87,6 +87,8 @@ class FormationKeepingEnv(TaskEnv):
     - `score`: share of the steps so far after which the craft was within 1 m of its slot.
     - `success`: whether the score is at least 0.8, without any cost on the way and without a craft lost.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
 
     ## Arguments
 

@@ -119,6 +119,8 @@ class MarsRendezvousEnv(TaskEnv):
       else 0.25 times the share of the distance gained.
     - `success`: whether the target is captured.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
     - `approach`: `retreated`; `safe`: neither missed nor lost, so far; `branch`: 0, or 1 for the spare one;
       `delay`: from the last command to the opening of its pulse, s, for each thruster, as it truly is, told
       to open or not; 0 at the reset; `state` (13): true position (m) and velocity (m/s) in LVLH axes,

@@ -93,6 +93,8 @@ class OrionRendezvousEnv(TaskEnv):
       gained; 0 out of bounds.
     - `success`: whether the craft is in the terminal box: within 2 m, 0.02 m/s, 5 degrees, 0.5 degrees/s.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
+    - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
+      LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
 
     ## Arguments
 
