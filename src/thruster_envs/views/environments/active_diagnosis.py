@@ -61,16 +61,34 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     ## Rewards
 
-    As in `FaultDiagnosis-v0`, in shares of a flight of 120 periods, and the fuel of the tests:
+    As in `FaultDiagnosis-v0`, each period is worth something or costs something, in shares of a flight of 120
+    periods:
 
-    - `delay`: - `delay_cost` / 120 where a fault acts and none is declared
-    - `false_alarm`: - `false_alarm_cost` / 120 where no fault acts and one is declared
-    - `wrong_name`: - `wrong_name_cost` / 120 where a fault acts and a thruster without one is declared;
-      - `wrong_mode_cost` / 120 where the thruster is right and the mode is not
-    - `fuel`: - `fuel_cost` times the share of the budget that the test pulses of the period use up
+    reward = (`right_worth` [thruster right] - `wrong_mode_cost` [thruster right, mode wrong] - `delay_cost`
+    [fault, none declared] - `wrong_name_cost` [fault, another thruster declared] - `false_alarm_cost` [no
+    fault, one declared]) / 120 - `fuel_cost` (share of the budget used) - (10.5 + 5 left / 120) [lost]
 
-    A flight that is lost before its end is charged at once as if the last declaration stood to its end. With
-    several faults at a time it is right to name any of them.
+    | Term | What | In a period | In a flight |
+    |---|---|---|---|
+    | `right` | `right_worth` / 120 where a faulty thruster is declared | 0 to 0.042 | 0 to 5 |
+    | `delay` | - `delay_cost` / 120 where a fault acts and none is declared | -0.021 to 0 | -2.5 to 0 |
+    | `false_alarm` | - `false_alarm_cost` / 120 where one is declared without need | -0.042 to 0 | -5 to 0 |
+    | `wrong_name` | - `wrong_name_cost` / 120, or - `wrong_mode_cost` / 120 | -0.033 to 0 | -4 to 0 |
+    | `fuel` | - `fuel_cost` times the share of the budget that tests use up | -0.5 to 0 | -0.5 to 0 |
+    | `lost` | - 10.5 - 5 (share of the periods left) | -15.5 to 0 | -15.5 to 0 |
+
+    - `right`: of a faulty thruster that is declared, the more the earlier
+    - `delay`: of a fault that is not declared
+    - `false_alarm`: of a fault that is declared and is not there; it costs more than to say nothing
+    - `wrong_name`: of the wrong thruster, which costs more than to say nothing, or of the wrong mode
+    - `fuel`: of test pulses
+    - `lost`: of a flight that is lost before its end, whatever was declared: 10.5 is `right_worth`, the
+      largest cost and `fuel_cost`, 5 the largest cost
+
+    At whatever time and under whatever discount, to be lost returns less than to fly on without being lost.
+
+    With several faults at a time it is right to name any of them. To declare no fault for a whole flight
+    returns 0 without a fault, which is the most there is, and on average -1.5 with those of the default.
 
     ## Starting State
 
@@ -108,12 +126,12 @@ class ActiveDiagnosisEnv(TaskEnv):
     ```
 
     - `spacecraft`, `faults`, `observe_fault`, `fault_slots`, `nonlinear`, `max_substep`, `pilot`, `leg`,
-      `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`, `range_limit`, `rate_limit`: as
-      in `FaultDiagnosis-v0`.
+      `right_worth`, `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`, `range_limit`,
+      `rate_limit`: as in `FaultDiagnosis-v0`.
     - `reach`: half-size of the cube in which slots are drawn, m; 0 by default, so that the craft stays.
     - `test_duties`: the test pulses that there are, as duties; (0.1, 0.4) by default.
     - `budget`: test pulses of a flight, thruster-seconds; 60 by default.
-    - `fuel_cost`: what it costs to use up the budget; 0.1 by default.
+    - `fuel_cost`: what it costs to use up the budget; 0.5 by default.
     - `soft_rate_limit`: body rate from which on `cost` counts, rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
     - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
@@ -130,6 +148,8 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     ## Version History
 
+    - v1: the right thruster is worth something, so that to learn it pays before it is learnt well,
+      and a flight that is lost costs more than any that is not
     - v0: initial version
     """
 

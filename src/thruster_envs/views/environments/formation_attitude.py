@@ -69,10 +69,27 @@ class FormationAttitudeEnv(TaskEnv):
 
     ## Rewards
 
-    - `pointing`: - (a / (1 rad) + a / (a + 0.05 rad)) / 2, with the angle a from the target
-    - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
-      most 1
-    - `pulses`: - `pulse_price` times the pulses of the period, over 3
+    With *a* the angle from the target, *e* the share by which the own fuel is above the formation's mean,
+    at most 1, and *p* the pulses of the period:
+
+    reward = 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2 + `balance_price` (1 - e) +
+    `pulse_price` (1 - p / 3)) - 7 (1 + `balance_price` + `pulse_price`) [lost]
+
+    | Term | What | In a period | In an episode of 3000 |
+    |---|---|---|---|
+    | `pointing` | 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2) | 0 to 0.00233 | 0 to 7 |
+    | `balance` | 7 / 3000 `balance_price` (1 - e) | 0 to 0.00005 | 0 to 0.14 |
+    | `pulses` | 7 / 3000 `pulse_price` (1 - p / 3) | 0 to 0.00007 | 0 to 0.21 |
+    | `lost` | - 7 (1 + `balance_price` + `pulse_price`) | -7.35 or 0 | -7.35 or 0 |
+
+    - `pointing`: of being at the target
+    - `balance`: of using no more fuel than the others
+    - `pulses`: of pulses that are not fired
+    - `lost`: a craft, as much as a whole episode can be worth
+
+    No period without a loss returns less than 0: at whatever time, under whatever discount and whatever the
+    time limit, a loss returns less than any way to go on without one. Doing nothing stays at the start and is
+    not lost.
 
     ## Starting State
 
@@ -143,6 +160,7 @@ class FormationAttitudeEnv(TaskEnv):
 
     ## Version History
 
+    - v1: a reward that no loss can raise: periods are worth something, and a loss costs a whole episode
     - v0: initial version
     """
 
