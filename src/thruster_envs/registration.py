@@ -50,18 +50,22 @@ def _row(name: str, max_episode_steps: int | None, parallel: str | None = None) 
     )
 
 
-def _former(name: str, max_episode_steps: int | None, *, parallel: bool = False) -> Row:
+def _former(name: str, max_episode_steps: int | None, parallel: str | None = None) -> Row:
     path = f"thruster_envs/tasks/former/Former{name}"
-    single, vector, team = (f"{_VIEWS}.{form}:{path}" for form in ("single", "vector", "parallel"))
-    return Row(single, vector, max_episode_steps, team if parallel else None)
+    team = None if parallel is None else f"thruster_envs.{parallel}"
+    return Row(f"{_VIEWS}.single:{path}", f"{_VIEWS}.vector:{path}", max_episode_steps, team)
 
 
 #: Those that go on for one version beside their successors, with the reward that they had.
 FORMER: dict[str, Row] = {
     "thruster_envs/OrionRendezvous-v0": _former("OrionRendezvous", None),
     "thruster_envs/MarsRendezvous-v0": _former("MarsRendezvous", None),
-    "thruster_envs/FormationKeeping-v0": _former("FormationKeeping", 120, parallel=True),
-    "thruster_envs/FormationAttitude-v0": _former("FormationAttitude", 3000, parallel=True),
+    "thruster_envs/FormationKeeping-v0": _former(
+        "FormationKeeping", 120, "formation_keeping_v0:FormerFormationParallelEnv"
+    ),
+    "thruster_envs/FormationAttitude-v0": _former(
+        "FormationAttitude", 3000, "formation_attitude_v0:FormerFormationAttitudeParallelEnv"
+    ),
     "thruster_envs/FaultDiagnosis-v0": _former("FaultDiagnosis", 120),
     "thruster_envs/ActiveDiagnosis-v0": _former("ActiveDiagnosis", 120),
 }
