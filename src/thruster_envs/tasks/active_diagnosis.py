@@ -26,7 +26,7 @@ from thruster_envs.tasks.fault_diagnosis import FLIGHT, DiagnosisState, FaultDia
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveDiagnosis(FaultDiagnosis):
-    """Configuration of ``ActiveDiagnosis-v0``, beyond that of :class:`FaultDiagnosis`.
+    """Configuration of ``ActiveDiagnosis-v1``, beyond that of :class:`FaultDiagnosis`.
 
     Attributes:
         test_duties: The test pulses that there are, as duties.

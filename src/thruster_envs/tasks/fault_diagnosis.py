@@ -196,7 +196,7 @@ class DiagnosisState(TaskState):
 
 @dataclass(frozen=True, kw_only=True)
 class FaultDiagnosis(Task):
-    """Configuration of ``FaultDiagnosis-v0``.
+    """Configuration of ``FaultDiagnosis-v1``.
 
     ``faults`` None means the default distribution, an empty list no faults.
 

@@ -173,7 +173,7 @@ class FormationAttitudeState(TaskState):
 
 @dataclass(frozen=True, kw_only=True)
 class FormationAttitude(Task):
-    """Configuration of ``formation_attitude_v0``.
+    """Configuration of ``formation_attitude_v1``.
 
     Attributes:
         craft: Number of craft, 2 to 16, the leader among them.

@@ -158,7 +158,7 @@ class FormationState(TaskState):
 
 @dataclass(frozen=True, kw_only=True)
 class FormationKeeping(Task):
-    """Configuration of ``formation_keeping_v0``.
+    """Configuration of ``formation_keeping_v1``.
 
     Attributes:
         craft: Number of craft, 2 to 8.

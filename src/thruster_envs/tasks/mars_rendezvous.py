@@ -235,7 +235,7 @@ class ApproachState(TaskState):
 
 @dataclass(frozen=True, kw_only=True)
 class MarsRendezvous(Task):
-    """Configuration of ``MarsRendezvous-v0``.
+    """Configuration of ``MarsRendezvous-v1``.
 
     Attributes:
         distance: Behind the target at the start, m.

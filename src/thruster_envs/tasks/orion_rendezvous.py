@@ -173,7 +173,7 @@ class RendezvousState(TaskState):
 
 @dataclass(frozen=True, kw_only=True)
 class OrionRendezvous(Task):
-    """Configuration of ``OrionRendezvous-v0``.
+    """Configuration of ``OrionRendezvous-v1``.
 
     Attributes:
         start: Relative position at the start, m, LVLH.

@@ -218,7 +218,7 @@ class FormationParallelEnv(TaskParallelEnv):
     empty reference point. Free motion follows that orbit without fuel, so what is to be flown against is
     dispersion, sensor noise, firing scatter, and faults. The fuel bill is shared: whoever fires, all pay. The
     agents are called `craft_1`, `craft_2`, ...; all of them stay until the episode ends, for all at once.
-    Single-agent form: `thruster_envs/FormationKeeping-v0` in Gymnasium.
+    Single-agent form: `thruster_envs/FormationKeeping-v1` in Gymnasium.
 
     ## Action Space
 
@@ -333,7 +333,7 @@ class FormationParallelEnv(TaskParallelEnv):
     - v0: initial version
     """
 
-    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_keeping_v0"}
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_keeping_v1"}
     task_type: ClassVar[type[Task]] = FormationKeeping
 
 
@@ -352,7 +352,7 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     The agents are called `follower_1`, `follower_2`, ...; with `command_leader=True` the first is `leader`.
     All of them stay until the episode ends, for all at once. Single-agent form:
-    `thruster_envs/FormationAttitude-v0` in Gymnasium. Importing :mod:`thruster_envs.formation_attitude_v0`
+    `thruster_envs/FormationAttitude-v1` in Gymnasium. Importing :mod:`thruster_envs.formation_attitude_v1`
     registers it with PettingZoo.
 
     ## Action Space
@@ -491,5 +491,5 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
     - v0: initial version
     """
 
-    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v0"}
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v1"}
     task_type: ClassVar[type[Task]] = FormationAttitude

@@ -1,4 +1,4 @@
-"""`ActiveDiagnosis-v0`: its page."""
+"""`ActiveDiagnosis-v1`: its page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     One Orion craft holds its place under a pilot that knows of no fault, and hardly fires; so a thruster that
     is dead or weak hardly shows. At the beginning of each control period the agent declares what it believes,
-    as in `FaultDiagnosis-v0`, and chooses a test pulse for each thruster. The pulses are added to the pilot's
+    as in `FaultDiagnosis-v1`, and chooses a test pulse for each thruster. The pulses are added to the pilot's
     duties, no duty above 1, in the order of the thrusters; what is over the budget is not fired. The pilot
     goes on holding the craft: a test that turns or moves it is undone, which costs fuel and shows thrusters
     too.
@@ -29,12 +29,12 @@ class ActiveDiagnosisEnv(TaskEnv):
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
     | 0 | thruster that is declared faulty, numbered from 1; 0 declares that there is no fault | 0 | 12 | 1 |
-    | 1 | its mode, as in `FaultDiagnosis-v0`; without meaning where there is no fault | 0 | 5 | 1 |
+    | 1 | its mode, as in `FaultDiagnosis-v1`; without meaning where there is no fault | 0 | 5 | 1 |
     | 2-13 | test pulse of each thruster: 0 for none, else which of `test_duties`, from 1 | 0 | 2 | 1 |
 
     ## Observation Space
 
-    `Box(..., (68,), float32)`, as in `FaultDiagnosis-v0`, and what is left of the budget. The last duties are
+    `Box(..., (68,), float32)`, as in `FaultDiagnosis-v1`, and what is left of the budget. The last duties are
     those that were commanded, tests included.
 
     | Index | Meaning | Min | Max | Unit |
@@ -61,7 +61,7 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     ## Rewards
 
-    As in `FaultDiagnosis-v0`, each period is worth something or costs something, in shares of a flight of 120
+    As in `FaultDiagnosis-v1`, each period is worth something or costs something, in shares of a flight of 120
     periods:
 
     reward = (`right_worth` [thruster right] - `wrong_mode_cost` [thruster right, mode wrong] - `delay_cost`
@@ -93,7 +93,7 @@ class ActiveDiagnosisEnv(TaskEnv):
     ## Starting State
 
     Near the origin, dispersed uniformly by 1.5 m, 5 mm/s, 5 degrees and 1 mrad/s on each axis; the origin is
-    the place to hold. Faults are drawn as in `FaultDiagnosis-v0`: by default with probability 0.8, one
+    the place to hold. Faults are drawn as in `FaultDiagnosis-v1`: by default with probability 0.8, one
     thruster in any mode, from some time of the first half of the flight on.
 
     ## Episode End
@@ -117,17 +117,17 @@ class ActiveDiagnosisEnv(TaskEnv):
     - `success`: whether what was declared last is right, without a false alarm on the way.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `diagnosis`: `detected`, `delay`, `false_alarms`, `isolated`, `identified`, `thruster` and `mode` as in
-      `FaultDiagnosis-v0`; `tested`: test pulses fired since the reset, thruster-seconds.
+      `FaultDiagnosis-v1`; `tested`: test pulses fired since the reset, thruster-seconds.
 
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/ActiveDiagnosis-v0", test_duties=(0.05, 0.2), budget=30.0)
+    gym.make("thruster_envs/ActiveDiagnosis-v1", test_duties=(0.05, 0.2), budget=30.0)
     ```
 
     - `spacecraft`, `faults`, `observe_fault`, `fault_slots`, `nonlinear`, `max_substep`, `pilot`, `leg`,
       `right_worth`, `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`, `range_limit`,
-      `rate_limit`: as in `FaultDiagnosis-v0`.
+      `rate_limit`: as in `FaultDiagnosis-v1`.
     - `reach`: half-size of the cube in which slots are drawn, m; 0 by default, so that the craft stays.
     - `test_duties`: the test pulses that there are, as duties; (0.1, 0.4) by default.
     - `budget`: test pulses of a flight, thruster-seconds; 60 by default.
@@ -139,7 +139,7 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/ActiveDiagnosis-v0", faults=[], budget=4.0)
+    >>> env = gym.make("thruster_envs/ActiveDiagnosis-v1", faults=[], budget=4.0)
     >>> observation, info = env.reset(seed=1)
     >>> for _ in range(3):
     ...     observation, reward, terminated, truncated, info = env.step([0, 0, 2, 0] + 10 * [0])

@@ -1,4 +1,4 @@
-"""`FaultDiagnosis-v0`: its page."""
+"""`FaultDiagnosis-v1`: its page."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class FaultDiagnosisEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FaultDiagnosis-v0", faults={"probability": 1.0, "kinds": ["leak"]})
+    gym.make("thruster_envs/FaultDiagnosis-v1", faults={"probability": 1.0, "kinds": ["leak"]})
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -159,7 +159,7 @@ class FaultDiagnosisEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FaultDiagnosis-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    >>> env = gym.make("thruster_envs/FaultDiagnosis-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step([3, 0])
     >>> info["score"], info["diagnosis"]["identified"], reward

@@ -1,4 +1,4 @@
-"""`FormationAttitude-v0`: its page."""
+"""`FormationAttitude-v1`: its page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FormationAttitudeEnv(TaskEnv):
 
     The first follower is the agent's; the leader and the others fly by the law of the source, which knows of
     no fault. With every follower as an agent of its own this is the PettingZoo environment
-    `thruster_envs.formation_attitude_v0`.
+    `thruster_envs.formation_attitude_v1`.
 
     An episode is as long as the missions of the source. For learning, `max_episode_steps=1200` keeps what
     matters, the turn and its settling, at less than half of the steps. One pulse hardly moves a craft, and
@@ -124,7 +124,7 @@ class FormationAttitudeEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FormationAttitude-v0", faults=[{"craft": 2, "thruster": 1, "kind": "loss"}])
+    gym.make("thruster_envs/FormationAttitude-v1", faults=[{"craft": 2, "thruster": 1, "kind": "loss"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, with a
@@ -153,7 +153,7 @@ class FormationAttitudeEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FormationAttitude-v0", craft=4)
+    >>> env = gym.make("thruster_envs/FormationAttitude-v1", craft=4)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, round(info["attitude"]["error"], 2)
     ((21,), 1.05)

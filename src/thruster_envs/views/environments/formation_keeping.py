@@ -1,4 +1,4 @@
-"""`FormationKeeping-v0`: its page."""
+"""`FormationKeeping-v1`: its page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FormationKeepingEnv(TaskEnv):
     empty reference point. Free motion follows that orbit without fuel, so what is to be flown against is
     dispersion, sensor noise, firing scatter, and faults. The fuel bill is shared. The first craft is the
     agent's; the others fly with the suite's scripted pilot, which knows of no fault. With every craft as an
-    agent of its own this is the PettingZoo environment `thruster_envs.formation_keeping_v0`.
+    agent of its own this is the PettingZoo environment `thruster_envs.formation_keeping_v1`.
 
     ## Action Space
 
@@ -108,7 +108,7 @@ class FormationKeepingEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FormationKeeping-v0", craft=4, faults=[{"thruster": 5, "kind": "leak"}])
+    gym.make("thruster_envs/FormationKeeping-v1", craft=4, faults=[{"thruster": 5, "kind": "leak"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -133,7 +133,7 @@ class FormationKeepingEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FormationKeeping-v0", craft=4)
+    >>> env = gym.make("thruster_envs/FormationKeeping-v1", craft=4)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, info["success"]
     ((46,), False)

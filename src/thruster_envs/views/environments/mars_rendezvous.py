@@ -1,4 +1,4 @@
-"""`MarsRendezvous-v0`: its page."""
+"""`MarsRendezvous-v1`: its page."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class MarsRendezvousEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/MarsRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 60.0}])
+    gym.make("thruster_envs/MarsRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 60.0}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one with a
@@ -183,7 +183,7 @@ class MarsRendezvousEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/MarsRendezvous-v0", distance=5.0)
+    >>> env = gym.make("thruster_envs/MarsRendezvous-v1", distance=5.0)
     >>> observation, info = env.reset(seed=1)
     >>> worlds, terminated = env.unwrapped.worlds, False
     >>> while not terminated:

@@ -1,4 +1,4 @@
-"""`OrionRendezvous-v0`: its page."""
+"""`OrionRendezvous-v1`: its page."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class OrionRendezvousEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/OrionRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    gym.make("thruster_envs/OrionRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -134,7 +134,7 @@ class OrionRendezvousEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    >>> env = gym.make("thruster_envs/OrionRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     >>> observation, info = env.reset(seed=1)
     >>> round(300.0 * float(observation[0]), -1), info["fault"]["active"].tolist()
     (300.0, [True, False, False, False])
