@@ -27,7 +27,7 @@ Whole steps of `{TASK}` and others beside Gymnasium's CartPole, both in turns in
 through `gym.make`, and batches beside CartPole's own vector form (1,024 worlds). *Share of CartPole's* is
 steps per second over CartPole's. What is flown stands under Environments; the plasma formation is
 `{PLASMA_TASK}`, {CRAFT} craft in each world, counted by craft; its target and that of
-MarsRendezvous-v0 are 1.5 times their shares of November 2026. The first step is that of a new process with
+MarsRendezvous-v1 are 1.5 times their shares of November 2026. The first step is that of a new process with
 an empty kernel cache, from `import` on."""
 
 #: Shares of CartPole's in a run of November 2026, and how many times them is asked for.
@@ -113,7 +113,7 @@ def _batches(effort: Effort, worlds: int, many: int) -> list[Row]:
     works: dict[str, tuple[Callable[[], object], int, float]] = {
         f"{orion}, whole periods": (BatchFlight(worlds, whole_periods=True), worlds, 1 / 4.5),
         f"{orion}, all duties differ": (BatchFlight(worlds), worlds, 1 / 10),
-        f"MarsRendezvous-v0, {many:,} worlds, 1 thread, all kinds of fault": (
+        f"MarsRendezvous-v1, {many:,} worlds, 1 thread, all kinds of fault": (
             BatchFlight(many, task=MARS_TASK), many, _GAIN * _MARS,
         ),
         f"plasma formation, {worlds:,} worlds, 1 thread": (

@@ -1,6 +1,6 @@
 """How fast the environments step: one world, a batch, two threads, growth with the batch.
 
-Measured on ``OrionRendezvous-v0``, and a batch of ``MarsRendezvous-v0``: whole steps, from actions to
+Measured on ``OrionRendezvous-v1``, and a batch of ``MarsRendezvous-v1``: whole steps, from actions to
 observation, reward, flags and info, with scatter, sensor noise, faults and the resets that fall due
 (NEXT_STEP). Not measured: compilation, construction, rendering and the policy, whose actions are drawn
 beforehand.
@@ -24,8 +24,8 @@ from thruster_envs.registration import register_all
 
 register_all()
 
-TASK = "thruster_envs/OrionRendezvous-v0"
-MARS_TASK = "thruster_envs/MarsRendezvous-v0"
+TASK = "thruster_envs/OrionRendezvous-v1"
+MARS_TASK = "thruster_envs/MarsRendezvous-v1"
 ONE_DEAD = [{"thruster": 1, "kind": "stuck_off"}]
 ALL_KINDS = {"probability": 1.0}
 DEAD = {"probability": 1.0, "kinds": ["stuck_off"]}
@@ -38,7 +38,7 @@ for the whole period with a probability of 10 % and shut else. Craft that such d
 bounds, and their resets (autoreset NEXT_STEP) are part of the time; *out of no bounds* has the same
 craft with the bounds out of reach, so that episodes last as they do under control. *All kinds*: every
 world carries one fault of any of the seven kinds, equally likely, from the start of each episode, as
-`FaultDistribution(probability=1.0)` draws it. `MarsRendezvous-v0` is flown in the same way, all duties
+`FaultDistribution(probability=1.0)` draws it. `MarsRendezvous-v1` is flown in the same way, all duties
 drawn anew; its period of 0.1 s is one sub-step, as exact as ten of 10 ms."""
 
 
@@ -211,7 +211,7 @@ def _mars(effort: Effort, worlds: int) -> list[Row]:
     times = race(flights, effort)
     return [
         Row(
-            f"MarsRendezvous-v0, {worlds:,} worlds, 1 thread, {name}", times[name].per_second(worlds),
+            f"MarsRendezvous-v1, {worlds:,} worlds, 1 thread, {name}", times[name].per_second(worlds),
             "steps/s", AtLeast(500_000),
             ratio="" if name == "healthy" else _against(times[name], times["healthy"]),
             note=f"{flight.share_of_resets:.1%} of the world-steps begin an episode",

@@ -1,6 +1,6 @@
 """How fast a formation on plasma thrusters flies, its pulses are made, and its fault networks are trained.
 
-Measured: whole steps of ``formation_attitude_v0`` (three craft, all of them flown) and ``PulseDiagnosis-v0``,
+Measured: whole steps of ``formation_attitude_v1`` (three craft, all of them flown) and ``PulseDiagnosis-v0``,
 whole missions from start to end, waveforms and thrusts of pulses, the training of a low-level network to the
 source's criterion (Valdes 2008, section 4.3), and its filter. Not measured: compilation and construction.
 """
@@ -28,7 +28,7 @@ from thruster_envs.tasks import FormationAttitude
 
 register_all()
 
-TASK = "thruster_envs/FormationAttitude-v0"
+TASK = "thruster_envs/FormationAttitude-v1"
 PULSE_TASK = "thruster_envs/PulseDiagnosis-v0"
 CRAFT = 3
 TARGET = (20.0, 30.0, 40.0)  # roll, pitch and yaw, degrees
@@ -86,7 +86,7 @@ def _steps(effort: Effort) -> list[Row]:
     many = 64 if effort.quick else 1024
     rows = []
     for worlds in (1, many):
-        name = f"formation_attitude_v0, {worlds:,} world{'s' if worlds > 1 else ''}"
+        name = f"formation_attitude_v1, {worlds:,} world{'s' if worlds > 1 else ''}"
         works: dict[str, Callable[[], object]] = {
             "1 thread": random_steps(gym.make_vec(TASK, num_envs=worlds, threads=1, craft=CRAFT)),
             "NumPy": numpy_steps(worlds),
@@ -119,15 +119,15 @@ def _explanation(work: Callable[[], object], effort: Effort) -> Callable[[], str
 
 
 def _through_supersuit(effort: Effort) -> list[Row]:
-    name = "formation_attitude_v0, PettingZoo through SuperSuit"
+    name = "formation_attitude_v1, PettingZoo through SuperSuit"
     if importlib.util.find_spec("supersuit") is None:
         return [Row(name, None, "craft-steps/s", note="not installed (extra `bench`)")]
     import supersuit
 
-    from thruster_envs import formation_attitude_v0
+    from thruster_envs import formation_attitude_v1
 
     copies = 2 if effort.quick else 8
-    one = supersuit.pettingzoo_env_to_vec_env_v1(formation_attitude_v0.parallel_env(craft=CRAFT))
+    one = supersuit.pettingzoo_env_to_vec_env_v1(formation_attitude_v1.parallel_env(craft=CRAFT))
     many: Any = supersuit.concat_vec_envs_v1(one, copies, num_cpus=0, base_class="gymnasium")
     many.reset(seed=0)
     actions = np.random.default_rng(0).integers(0, 3, (many.num_envs, 3))
@@ -140,7 +140,7 @@ def _through_supersuit(effort: Effort) -> list[Row]:
     gain = times["native"].times_faster_than(times["SuperSuit"])
     return [
         Row(
-            f"formation_attitude_v0, {copies} worlds, native batch",
+            f"formation_attitude_v1, {copies} worlds, native batch",
             times["native"].per_second(CRAFT * copies), "craft-steps/s",
             ratio=f"{number(gain)} times SuperSuit", charted=True,
         ),

@@ -20,7 +20,7 @@ from thruster_envs.registration import register_all
 
 register_all()
 
-TASKS = ("ThrusterMapping-v0", "OrionRendezvous-v0")
+TASKS = ("ThrusterMapping-v0", "OrionRendezvous-v1")
 #: Length of a rollout, size of a minibatch (a multiple of it for fewer worlds), passes over a rollout.
 ROLLOUT, MINIBATCH, EPOCHS = 32, 4096, 4
 

@@ -1,6 +1,6 @@
 """How fast the detectors are that are fed by navigation: one sample of one vehicle, and of many at once.
 
-Residual, decision and isolation, on healthy approaches of `MarsRendezvous-v0`. Isolation begins with an alarm
+Residual, decision and isolation, on healthy approaches of `MarsRendezvous-v1`. Isolation begins with an alarm
 and ends with a name, so every detector is measured twice: in quiet, and with alarms that stand and name
 nobody, where it isolates in every sample. Not measured: construction, calibration, the flights themselves.
 
@@ -61,7 +61,7 @@ DETECTORS: dict[str, Callable[..., BaseNavigationDetector]] = {
 
 CLOCK = "CLOCK"
 ABOUT = f"""\
-Healthy flights of `MarsRendezvous-v0` under its own pilot. A sample is one call of `update` with all checks:
+Healthy flights of `MarsRendezvous-v1` under its own pilot. A sample is one call of `update` with all checks:
 open rates, position, attitude and rate in, diagnosis out. *{QUIET.capitalize()}* is what a detector does
 nearly always: residual and decision. *{ALARMED.capitalize()}*, and nobody named, is the worst case, the whole
 of residual, decision and isolation: every vehicle correlates or compares signatures in every sample. After an

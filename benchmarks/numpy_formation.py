@@ -1,6 +1,6 @@
 """One control period of a batch of formations in plain NumPy: what the compiled task is compared with.
 
-Models what ``formation_attitude_v0`` models for healthy craft without scatter: the leader and the followers
+Models what ``formation_attitude_v1`` models for healthy craft without scatter: the leader and the followers
 that nobody commands fly by the law, pulses turn the craft, gravity gradient and a constant torque act, and
 sensors look; then the terms of the reward, and observations. Written as one writes NumPy: arrays over worlds
 and craft.

@@ -55,8 +55,8 @@ class Contestant:
 def measure(effort: Effort) -> Section:
     """The figures of this section."""
     worlds = 64 if effort.quick else 1024
-    rows = _compare("OrionRendezvous-v0, one world, `gym.make`", _one_by_one(), effort)
-    rows += _compare(f"OrionRendezvous-v0, {worlds:,} worlds, all kinds of fault", _batches(worlds), effort)
+    rows = _compare("OrionRendezvous-v1, one world, `gym.make`", _one_by_one(), effort)
+    rows += _compare(f"OrionRendezvous-v1, {worlds:,} worlds, all kinds of fault", _batches(worlds), effort)
     rows += _compare("flight alone, one craft, kernel", _flights(1), effort)
     rows += _compare(f"flight alone, {worlds:,} craft, kernel", _flights(worlds), effort)
     rows += _copies(2 if effort.quick else 8, effort)
@@ -86,7 +86,7 @@ def _compare(
 
 def _one_by_one() -> dict[str, Contestant]:
     contestants = {
-        "OrionRendezvous-v0, one world, `gym.make`": Contestant(
+        "OrionRendezvous-v1, one world, `gym.make`": Contestant(
             calm_flight(gym.make(TASK, faults=ONE_DEAD)), own=True
         ),
         "CartPole-v1, `gym.make`": Contestant(cart_pole()),
@@ -99,7 +99,7 @@ def _one_by_one() -> dict[str, Contestant]:
 
 def _batches(worlds: int) -> dict[str, Contestant]:
     contestants = {
-        f"OrionRendezvous-v0, {worlds:,} worlds, all kinds of fault": Contestant(
+        f"OrionRendezvous-v1, {worlds:,} worlds, all kinds of fault": Contestant(
             BatchFlight(worlds), worlds, own=True
         ),
         f"CartPole-v1, vector form, {worlds:,} worlds": Contestant(cart_poles(worlds), worlds),

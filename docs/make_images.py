@@ -55,7 +55,7 @@ def main() -> int:
 def rendezvous() -> NDArray[np.uint8]:
     """Orion with a dead thruster."""
     faults = [Fault(1, "stuck_off", onset=25.0)]
-    env = gym.make("thruster_envs/OrionRendezvous-v0", faults=faults, render_mode="rgb_array")
+    env = gym.make("thruster_envs/OrionRendezvous-v1", faults=faults, render_mode="rgb_array")
     policy = RendezvousPolicy(RendezvousController(load("orion"), STEPS))
     fly(env, policy, seeds=0, steps=SHOWN)
     return frame_of(env)
@@ -65,7 +65,7 @@ def approach() -> NDArray[np.uint8]:
     """The chaser about Mars with a valve that has been closed."""
     faults = [Fault(3, "stuck_on", onset=60.0)]
     env: Any = gym.make(
-        "thruster_envs/MarsRendezvous-v0", inhibit=True, faults=faults, render_mode="rgb_array"
+        "thruster_envs/MarsRendezvous-v1", inhibit=True, faults=faults, render_mode="rgb_array"
     )
     detector = FusionDetector("msr_chaser", threshold=16.0, margin=6.0, settle=20.0)
     pilot = ChaserPilot(load("msr_chaser"), env.unwrapped.task.steps, detector)

@@ -30,8 +30,8 @@ def test_a_second_warmup_has_nothing_to_do(capsys):
     [
         (["PulseDiagnosis"], "got 'PulseDiagnosis'; did you mean 'PulseDiagnosis-v0'?"),
         (["--spacecraft", "orino"], "got 'orino'; did you mean 'orion'?"),
-        (["OrionRendezvous-v0", "--spacecraft", "ppt_cubesatt"], "did you mean 'ppt_cubesat'?"),
-        (["MarsRendezvous-v0", "--spacecraft", "orion"], "'orion' has no modulator"),
+        (["OrionRendezvous-v1", "--spacecraft", "ppt_cubesatt"], "did you mean 'ppt_cubesat'?"),
+        (["MarsRendezvous-v1", "--spacecraft", "orion"], "'orion' has no modulator"),
     ],
 )
 def test_what_cannot_be_warmed_up_is_refused_in_one_line(capsys, arguments, line):

@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 
 #: What needs an extra: the extra, a package of it, and code that meets it.
 MEETINGS = [
-    ("multi-agent", "pettingzoo", "import thruster_envs.formation_keeping_v0"),
-    ("multi-agent", "pettingzoo", "import thruster_envs.formation_attitude_v0"),
+    ("multi-agent", "pettingzoo", "import thruster_envs.formation_keeping_v1"),
+    ("multi-agent", "pettingzoo", "import thruster_envs.formation_attitude_v1"),
     ("multi-agent", "pettingzoo", "from thruster_envs.views import FormationParallelEnv"),
     ("sb3", "stable_baselines3", "from thruster_envs.views import SB3VecEnv"),
     ("sb3", "torch", "from thruster_envs.views import SharedPolicyVecEnv"),
@@ -31,7 +31,7 @@ MEETINGS = [
         "render",
         "pygame",
         "import gymnasium, thruster_envs\n"
-        "env = gymnasium.make('thruster_envs/OrionRendezvous-v0', render_mode='rgb_array')\n"
+        "env = gymnasium.make('thruster_envs/OrionRendezvous-v1', render_mode='rgb_array')\n"
         "env.reset(seed=0); env.render()",
     ),
     ("baselines", "scipy", "import thruster_baselines.mapping"),

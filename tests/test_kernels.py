@@ -246,14 +246,14 @@ class Listener(event.Listener):
         pass
 event.register("numba:compile", Listener())
 import gymnasium as gym, thruster_envs
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 for id in [one for one in gym.registry if one.startswith("thruster_envs/")]:
     env = gym.make(id)
     envs = gym.make_vec(id, num_envs=33, vectorization_mode="vector_entry_point")
     for one in (env, envs):
         one.reset(seed=0)
         one.step(one.action_space.sample())
-for module in (formation_attitude_v0, formation_keeping_v0):
+for module in (formation_attitude_v1, formation_keeping_v1):
     env = module.parallel_env()
     env.reset(seed=0)
     env.step({agent: env.action_space(agent).sample() for agent in env.agents})

@@ -10,13 +10,13 @@ from gymnasium import wrappers
 
 from tests.views.cases import IDS
 from tests.views.test_storage import EQUIPPED
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.observations import Field, Reader, page_rows
 from thruster_envs.physics import rows as at
 from thruster_envs.spacecraft import load
 from thruster_envs.views import HoldAction
 
-ORION = "thruster_envs/OrionRendezvous-v0"
+ORION = "thruster_envs/OrionRendezvous-v1"
 FLYING = "OrionRendezvous", "MarsRendezvous", "FaultDiagnosis", "ActiveDiagnosis", "FormationKeeping"
 
 
@@ -89,7 +89,7 @@ def test_a_reading_of_a_batch_is_that_of_its_rows():
     np.testing.assert_array_equal(everything, observations.astype(np.float64) * np.concatenate(scales))
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_every_agent_has_a_reading_of_its_own(module):
     env = module.parallel_env()
     observations, _ = env.reset(seed=0)
@@ -99,7 +99,7 @@ def test_every_agent_has_a_reading_of_its_own(module):
         np.testing.assert_array_equal(
             readings[agent].attitude_error, Reader.of(module.env())(observation).attitude_error
         )
-    if module is formation_keeping_v0:
+    if module is formation_keeping_v1:
         first, second = (env.worlds.fleet.read(at.MEASURED, 3)[0, k] for k in (0, 1))
         seen = readings[env.agents[0]].others[:3]
         np.testing.assert_allclose(seen, second - first, rtol=1e-6)
@@ -157,7 +157,7 @@ def test_bad_input_is_one_clear_line():
     with pytest.raises(TypeError, match="settings must be empty beside an environment, got craft"):
         Reader.of(gym.make(ORION), craft=3)
     with pytest.raises(TypeError, match=r"unexpected keyword argument 'distanse'.*distance"):
-        Reader.of("thruster_envs/MarsRendezvous-v0", distanse=3.0)
+        Reader.of("thruster_envs/MarsRendezvous-v1", distanse=3.0)
     with pytest.raises(ValueError, match="scale of 'x' must be one number or 3, got 2 of them"):
         Field("x", "place", 3, "m", (1.0, 2.0))
 
@@ -178,7 +178,7 @@ def test_rows_of_a_page_count_on():
 
 
 def test_a_reader_takes_what_gym_make_takes_and_gymnasiums_own_batches():
-    identifier = "thruster_envs/OrionRendezvous-v0"
+    identifier = "thruster_envs/OrionRendezvous-v1"
     own = Reader.of(identifier, render_mode="rgb_array", flat_info=True, max_episode_steps=3)
     assert own.fields == Reader.of(identifier).fields
     batch = gym.make_vec(identifier, num_envs=2, vectorization_mode="sync", start=(100.0, 0.0, 0.0))

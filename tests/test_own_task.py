@@ -236,7 +236,7 @@ def test_bad_input_is_one_clear_line(own, team):
     for arguments, settings, error, says in cases:
         with pytest.raises(error, match=says):
             register(*arguments, **settings)
-    with pytest.raises(ValueError, match=r"identifier must be one of .*FormationKeeping-v0.*, got 'mine/D"):
+    with pytest.raises(ValueError, match=r"identifier must be one of .*FormationKeeping-v1.*, got 'mine/D"):
         make_parallel(ID)
     single = importlib.import_module("thruster_envs.views.single")
     with pytest.raises(AttributeError, match="names no task"):

@@ -8,15 +8,15 @@ import pytest
 
 from tests.views.cases import FAULTS, IDS, craft_of, entries, faults_of
 from thruster_baselines.mapping import LPMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.physics import rows as at
 from thruster_envs.recordings import Channel
 from thruster_envs.rollout import Interrupted, Moment, Recording, concatenate, fly
 from thruster_envs.spacecraft import load
 from thruster_envs.views import VectorHoldAction, VectorMapperAction, fork
 
-ORION, MAPPING = "thruster_envs/OrionRendezvous-v0", "thruster_envs/ThrusterMapping-v0"
-DIAGNOSIS = "thruster_envs/FaultDiagnosis-v0"
+ORION, MAPPING = "thruster_envs/OrionRendezvous-v1", "thruster_envs/ThrusterMapping-v0"
+DIAGNOSIS = "thruster_envs/FaultDiagnosis-v1"
 
 
 def assert_same(one: Recording, other: Recording) -> None:
@@ -129,7 +129,7 @@ class Played:
         return next(self.left)
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_agents_are_an_axis(module):
     env = module.parallel_env(max_cycles=6)
     recording = fly(env, seeds=[1, 2])

@@ -1,4 +1,4 @@
-"""Flights of `MarsRendezvous-v0` with one fault each, by pilots that know more or less of it.
+"""Flights of `MarsRendezvous-v1` with one fault each, by pilots that know more or less of it.
 
 The kind goes by the flight's number in turn; thruster, size and onset are drawn from the flight's seed, so
 that all pilots meet the same. Pilots fly by the same law and recover by the same rules. The oracle knows of
@@ -31,7 +31,7 @@ from thruster_envs import rollout
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 
-ENVIRONMENT = "thruster_envs/MarsRendezvous-v0"
+ENVIRONMENT = "thruster_envs/MarsRendezvous-v1"
 ONSET = (0.0, 190.0)
 SETTLE = 2.0
 """How long after a start the best stack does not alarm but learns its velocity, s."""

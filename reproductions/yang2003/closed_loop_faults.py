@@ -1,7 +1,7 @@
 """A thruster fails in flight, and the classical pilot finds out by itself: Orion's rendezvous in closed loop.
 
 The source flies single scenarios without attitude (section 6.4.3, appendix E). Here each of many flights of
-`OrionRendezvous-v0` has one random fault, in six degrees of freedom with scatter, sensor noise and coupling
+`OrionRendezvous-v1` has one random fault, in six degrees of freedom with scatter, sensor noise and coupling
 loss; the pilot that diagnoses stands between one that knows (`oracle`) and one that does not ask (`blind`).
 Settings were chosen on validation seeds, the flights are of test seeds. The threshold follows from the stated
 rate of false alarms; healthy flights show whether that holds, and what they would have set.

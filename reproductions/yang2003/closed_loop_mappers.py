@@ -1,6 +1,6 @@
 """Does the choice of the mapper matter where it is used? Orion's rendezvous with each of them.
 
-`OrionRendezvous-v0` in six degrees of freedom, with coupling loss, scatter and sensor noise, flown by one
+`OrionRendezvous-v1` in six degrees of freedom, with coupling loss, scatter and sensor noise, flown by one
 controller with each mapper in the place of the linear program, on the same validation seeds. The source flies
 open loop (E31 and E32, rows of this table too); this controller plans anew from what it measures, and so
 makes up for what a mapper fell short of. No faults here. The controller's filter knows the coupling whatever
@@ -218,7 +218,7 @@ def _table_of_mappers(flown: Mapping[str, Flights], open_loop: Mapping[str, Foll
     knows = {row.name: row.knows or "-" for row in ROWS}
     usual = flown[LINEAR_PROGRAM.name]
     closed = Table.of(
-        "OrionRendezvous-v0 flown with each mapper, healthy, with coupling, scatter and noise (medians over "
+        "OrionRendezvous-v1 flown with each mapper, healthy, with coupling, scatter and noise (medians over "
         "flights); the last rows are the source's own flights, by Hill's equations alone",
         flown,
         {

@@ -4,7 +4,7 @@ The source compares its tests one condition at a time (chapter 5). Here all of t
 source, are calibrated to the same rate of false alarms on validation seeds and measured on the same test
 flights: dead, weak, stuck on or leaking thrusters, with coupling loss, scatter and sensor noise, in intervals
 of 1 s. A second table has flights in which a third of the measurements are missing, late, NaN or out of any
-range; a third one flights of `FaultDiagnosis-v0` under its scripted pilot, where a player of that environment
+range; a third one flights of `FaultDiagnosis-v1` under its scripted pilot, where a player of that environment
 is measured beside the detectors. Besides, dead thrusters that were commanded to fire for 1.5 s or more.
 """
 
@@ -66,7 +66,7 @@ DETECTORS: dict[str, Callable[[int], Detector]] = {
 }
 BEST = "likelihood ratio, sign gate"
 PLAYER = "player: cumulative sums, then models"
-ENVIRONMENT = "thruster_envs/FaultDiagnosis-v0"
+ENVIRONMENT = "thruster_envs/FaultDiagnosis-v1"
 CURVES = {
     "estimate's threshold": ORANGE, "generic chi-squared": PURPLE, "likelihood ratio, source's noise": RED,
     BEST: BLUE, "likelihood ratio, window": GREEN,
@@ -132,14 +132,14 @@ def compared(effort: Effort) -> Finding:
         tables=(
             _table("Every detector", found),
             _table("A third of the measurements missing, late, no numbers, or out of range", bad),
-            _table("In flights of FaultDiagnosis-v0 under its scripted pilot", flown),
+            _table("In flights of FaultDiagnosis-v1 under its scripted pilot", flown),
         ),
         figure=lambda: _draw(found),
     )
 
 
 def in_flight(seeds: dict[str, Sequence[int]], rate: float) -> dict[str, Evaluation]:
-    """Every detector, and a player, in flights of `FaultDiagnosis-v0`; all of them in the same."""
+    """Every detector, and a player, in flights of `FaultDiagnosis-v1`; all of them in the same."""
     faults = dataclasses.replace(FAULTS, onset=(0.0, 300.0), onset_grid=ORION.control_period)
     flights, observed = (
         cache(detection.EnvironmentFlights(faults=faults, observed=one)) for one in (False, True)

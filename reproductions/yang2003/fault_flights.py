@@ -1,4 +1,4 @@
-"""Flights of `OrionRendezvous-v0` with faults, flown by pilots that know more or less of them.
+"""Flights of `OrionRendezvous-v1` with faults, flown by pilots that know more or less of them.
 
 All pilots plan with the same planner and allocate with the same mapper. The oracle knows which thruster
 fails, and how, at the first decision after it did; the classical pilot finds out by itself; the blind one

@@ -1,4 +1,4 @@
-"""Flights of `OrionRendezvous-v0` with any mapper in the loop, flown to be judged.
+"""Flights of `OrionRendezvous-v1` with any mapper in the loop, flown to be judged.
 
 The rendezvous controller commands rate changes, a mapper allocates them through `VectorMapperAction`, and the
 environment flies them with scatter, sensor noise and the coupling loss of the feed. Where a flight ended is
@@ -21,7 +21,7 @@ from thruster_envs.protocols import FloatArray, Mapper
 from thruster_envs.spacecraft import Spacecraft
 from thruster_envs.views import VectorMapperAction
 
-ENVIRONMENT = "thruster_envs/OrionRendezvous-v0"
+ENVIRONMENT = "thruster_envs/OrionRendezvous-v1"
 POSITION_TOLERANCE: float = gym.make(ENVIRONMENT).unwrapped.task.position_tolerance  # type: ignore[attr-defined]
 """Of the terminal box, m."""
 
@@ -50,7 +50,7 @@ def fly(
     settings: RendezvousSettings | None = None,
     orbits: float = 0.5,
 ) -> Flights:
-    """Fly one healthy episode of `OrionRendezvous-v0` for each seed, with a controller for each."""
+    """Fly one healthy episode of `OrionRendezvous-v1` for each seed, with a controller for each."""
     parts = [
         _fly_together(spacecraft, make(spacecraft), seeds[first : first + _TOGETHER], settings, orbits)
         for first in range(0, len(seeds), _TOGETHER)

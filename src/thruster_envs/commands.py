@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     warm.add_argument(
         "environments", nargs="*", metavar="ID",
-        help="which, as OrionRendezvous-v0 or thruster_envs/OrionRendezvous-v0; all by default",
+        help="which, as OrionRendezvous-v1 or thruster_envs/OrionRendezvous-v1; all by default",
     )  # fmt: skip
     warm.add_argument(
         "--spacecraft", nargs="+", metavar="NAME",
@@ -170,8 +170,8 @@ def _forms(identifier: str) -> Iterator[str]:
 
 #: Id to the module of its PettingZoo form.
 _PARALLEL = {
-    "thruster_envs/FormationKeeping-v0": "thruster_envs.formation_keeping_v0",
-    "thruster_envs/FormationAttitude-v0": "thruster_envs.formation_attitude_v0",
+    "thruster_envs/FormationKeeping-v1": "thruster_envs.formation_keeping_v1",
+    "thruster_envs/FormationAttitude-v1": "thruster_envs.formation_attitude_v1",
 }
 
 

@@ -1,35 +1,50 @@
-"""A formation that turns by pulses as a PettingZoo module: ``parallel_env``, ``env`` and ``raw_env``.
+"""A formation that turns by pulses, with the reward of v0, as a PettingZoo module, for one version more.
 
-Importing it registers ``thruster_envs/formation_attitude_v0`` with PettingZoo, a form in each of its tables.
-
+>>> import warnings
 >>> from thruster_envs import formation_attitude_v0
->>> env = formation_attitude_v0.parallel_env(command_leader=True)
+>>> with warnings.catch_warnings(action="ignore"):
+...     env = formation_attitude_v0.parallel_env()
 >>> observations, infos = env.reset(seed=0)
 >>> list(observations)
-['leader', 'follower_1', 'follower_2']
+['follower_1', 'follower_2']
 """
 
 from __future__ import annotations
 
-from typing import Any
+import warnings
+from typing import Any, ClassVar
 
 from thruster_envs.extras import extra
-from thruster_envs.views.parallel import FormationAttitudeParallelEnv, register_parallel
+from thruster_envs.tasks import Task
+from thruster_envs.tasks.former import FormerFormationAttitude
+from thruster_envs.views.parallel import TaskParallelEnv, register_parallel
 
 with extra("multi-agent", __name__):
     import pettingzoo
     from pettingzoo.utils.conversions import parallel_to_aec
     from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-__all__ = ["env", "parallel_env", "raw_env"]
+__all__ = ["FormerFormationAttitudeParallelEnv", "env", "parallel_env", "raw_env"]
 
 #: Under which PettingZoo finds the environment, as in ``pettingzoo.make("parallel", ID)``.
 ID = "thruster_envs/formation_attitude-v0"
 
 
-def parallel_env(**kwargs: Any) -> FormationAttitudeParallelEnv:
-    """All agents act at once; arguments as of :class:`~thruster_envs.views.FormationAttitudeParallelEnv`."""
-    return FormationAttitudeParallelEnv(**kwargs)
+class FormerFormationAttitudeParallelEnv(TaskParallelEnv):
+    """The environment of :mod:`thruster_envs.formation_attitude_v1` with its former reward."""
+
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v0"}
+    task_type: ClassVar[type[Task]] = FormerFormationAttitude
+
+
+def parallel_env(**kwargs: Any) -> FormerFormationAttitudeParallelEnv:
+    """All agents act at once; arguments as in :mod:`thruster_envs.formation_attitude_v1`."""
+    warnings.warn(
+        f"{ID} is out of date; formation_attitude_v1 has a reward that no loss can raise",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    return FormerFormationAttitudeParallelEnv(**kwargs)
 
 
 def raw_env(**kwargs: Any) -> pettingzoo.AECEnv[str, Any, Any]:

@@ -3,7 +3,7 @@
 A mission is what Valdes 2008, chapters 5 and 6, flies: a leader that holds its attitude and followers that
 turn from it by given angles, all under the law of :mod:`thruster_envs.pilots.attitude`, in the physics
 of :mod:`thruster_envs.physics.pulsed_flight`, faults included. It runs compiled from its start to its end,
-many missions at once, and is to the last bit what ``formation_attitude_v0`` gives where that law flies it.
+many missions at once, and is to the last bit what ``formation_attitude_v1`` gives where that law flies it.
 
 Left out: targets that change, and any controller but that law.
 

@@ -5,7 +5,7 @@ stands for in SI units; a :class:`Reader` turns observations back into SI values
 
 >>> import gymnasium as gym
 >>> import thruster_envs
->>> env = gym.make("thruster_envs/OrionRendezvous-v0")
+>>> env = gym.make("thruster_envs/OrionRendezvous-v1")
 >>> observation, info = env.reset(seed=0)
 >>> reading = Reader.of(env)(observation)
 >>> reading.position.round()  # m, LVLH
@@ -146,7 +146,7 @@ class Reader:
                 ``RescaleObservation``; a setting that cannot be.
             TypeError: An unknown setting, or settings beside an environment.
 
-        >>> Reader.of("thruster_envs/MarsRendezvous-v0", distance=15.0).columns("velocity")
+        >>> Reader.of("thruster_envs/MarsRendezvous-v1", distance=15.0).columns("velocity")
         slice(6, 9, None)
         """
         if isinstance(environment, str):

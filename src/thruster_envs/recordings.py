@@ -6,7 +6,7 @@ the end of each step), or for each *step*; entry ``k`` of a step's channel lies 
 them. A recording knows the truth; what a policy was shown is in the channel ``observation``.
 
 >>> from thruster_envs.rollout import fly
->>> recording = fly("thruster_envs/OrionRendezvous-v0", "idle", seeds=range(3), steps=4)
+>>> recording = fly("thruster_envs/OrionRendezvous-v1", "idle", seeds=range(3), steps=4)
 >>> len(recording), recording.position.shape, recording[1].position.shape, recording.duty.shape
 (3, (15, 3), (5, 3), (12, 12))
 >>> recording.channels["position"].unit, recording.padded("time")[:, -1].tolist()

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-__all__ = ["ENVIRONMENTS", "Row", "make_parallel", "register", "register_all"]
+__all__ = ["ENVIRONMENTS", "FORMER", "Row", "make_parallel", "register", "register_all"]
 
 _VIEWS = "thruster_envs.views"
 
@@ -50,15 +50,35 @@ def _row(name: str, max_episode_steps: int | None, parallel: str | None = None) 
     )
 
 
+def _former(name: str, max_episode_steps: int | None, parallel: str | None = None) -> Row:
+    path = f"thruster_envs/tasks/former/Former{name}"
+    team = None if parallel is None else f"thruster_envs.{parallel}"
+    return Row(f"{_VIEWS}.single:{path}", f"{_VIEWS}.vector:{path}", max_episode_steps, team)
+
+
+#: Those that go on for one version beside their successors, with the reward that they had.
+FORMER: dict[str, Row] = {
+    "thruster_envs/OrionRendezvous-v0": _former("OrionRendezvous", None),
+    "thruster_envs/MarsRendezvous-v0": _former("MarsRendezvous", None),
+    "thruster_envs/FormationKeeping-v0": _former(
+        "FormationKeeping", 120, "formation_keeping_v0:FormerFormationParallelEnv"
+    ),
+    "thruster_envs/FormationAttitude-v0": _former(
+        "FormationAttitude", 3000, "formation_attitude_v0:FormerFormationAttitudeParallelEnv"
+    ),
+    "thruster_envs/FaultDiagnosis-v0": _former("FaultDiagnosis", 120),
+    "thruster_envs/ActiveDiagnosis-v0": _former("ActiveDiagnosis", 120),
+}
+
 #: The environments of this suite. :func:`register` adds no row to it.
 ENVIRONMENTS: dict[str, Row] = {
     "thruster_envs/ThrusterMapping-v0": _row("ThrusterMapping", 32),
-    "thruster_envs/OrionRendezvous-v0": _row("OrionRendezvous", None),
-    "thruster_envs/MarsRendezvous-v0": _row("MarsRendezvous", None),
-    "thruster_envs/FormationKeeping-v0": _row("FormationKeeping", 120, "FormationParallelEnv"),
-    "thruster_envs/FormationAttitude-v0": _row("FormationAttitude", 3000, "FormationAttitudeParallelEnv"),
-    "thruster_envs/FaultDiagnosis-v0": _row("FaultDiagnosis", 120),
-    "thruster_envs/ActiveDiagnosis-v0": _row("ActiveDiagnosis", 120),
+    "thruster_envs/OrionRendezvous-v1": _row("OrionRendezvous", None),
+    "thruster_envs/MarsRendezvous-v1": _row("MarsRendezvous", None),
+    "thruster_envs/FormationKeeping-v1": _row("FormationKeeping", 120, "FormationParallelEnv"),
+    "thruster_envs/FormationAttitude-v1": _row("FormationAttitude", 3000, "FormationAttitudeParallelEnv"),
+    "thruster_envs/FaultDiagnosis-v1": _row("FaultDiagnosis", 120),
+    "thruster_envs/ActiveDiagnosis-v1": _row("ActiveDiagnosis", 120),
     "thruster_envs/PulseDiagnosis-v0": _row("PulseDiagnosis", 64),
 }
 
@@ -68,7 +88,7 @@ _OWN: dict[str, tuple[Row, dict[str, Any]]] = {}
 
 def register_all() -> None:
     """Register every id that is not registered yet."""
-    for identifier, row in ENVIRONMENTS.items():
+    for identifier, row in (FORMER | ENVIRONMENTS).items():
         if identifier not in gym.registry:
             _register(identifier, row, {})
 
@@ -137,10 +157,10 @@ def make_parallel(identifier: str, **settings: Any) -> Any:
     Raises:
         ValueError: An id without such an environment.
 
-    >>> make_parallel("thruster_envs/FormationKeeping-v0", craft=2).possible_agents
+    >>> make_parallel("thruster_envs/FormationKeeping-v1", craft=2).possible_agents
     ['craft_1', 'craft_2']
     """
-    row, own = _OWN.get(identifier, (ENVIRONMENTS.get(identifier), {}))
+    row, own = _OWN.get(identifier, ((FORMER | ENVIRONMENTS).get(identifier), {}))
     if row is None or row.parallel is None:
         known = [one for one, (each, _) in _OWN.items() if each.parallel]
         known += [one for one, each in ENVIRONMENTS.items() if each.parallel]

@@ -1,6 +1,6 @@
 """One loop that flies a policy through episodes, and records what became of it.
 
->>> recording = fly("thruster_envs/OrionRendezvous-v0", seeds=range(2), steps=3)
+>>> recording = fly("thruster_envs/OrionRendezvous-v1", seeds=range(2), steps=3)
 >>> recording.reward.shape, recording.final("time").tolist(), recording.metadata["policy"]
 ((6,), [15.0, 15.0], 'random')
 

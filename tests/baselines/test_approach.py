@@ -10,7 +10,7 @@ from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 
 CHASER = load("msr_chaser")
-MARS = "thruster_envs/MarsRendezvous-v0"
+MARS = "thruster_envs/MarsRendezvous-v1"
 
 
 @pytest.mark.parametrize("arguments", [{}, {"distance": 3.0}, {"distance": 130.0, "navigation_delay": 2}])

@@ -89,7 +89,7 @@ def test_the_kalman_filter_that_knows_nothing_gives_the_same_if_errors_are_indep
 
 def test_flown_in_the_environment_it_finds_the_turned_thruster():
     env = gym.make(
-        "thruster_envs/OrionRendezvous-v0",
+        "thruster_envs/OrionRendezvous-v1",
         faults=[{"thruster": 8, "kind": "misalignment", "severity": 0.3, "azimuth": 1.0}],
     )
     sweep = CalibrationSweep(ORION, 1.0, 3)

@@ -16,7 +16,7 @@ from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 
 CHASER = load("msr_chaser")
-MARS = "thruster_envs/MarsRendezvous-v0"
+MARS = "thruster_envs/MarsRendezvous-v1"
 ONSET = 5.0
 
 

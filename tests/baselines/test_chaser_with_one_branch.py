@@ -16,7 +16,7 @@ from thruster_envs.seeds import VALIDATION
 from thruster_envs.spacecraft import load
 
 CHASER = replace(load("msr_chaser"), spare_branch=False)
-MARS = "thruster_envs/MarsRendezvous-v0"
+MARS = "thruster_envs/MarsRendezvous-v1"
 ONSET = 5.0
 
 

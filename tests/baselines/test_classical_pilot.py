@@ -28,7 +28,7 @@ from thruster_envs.spacecraft import load
 
 ORION = load("orion")
 STEPS = 571
-ENVIRONMENT = "thruster_envs/OrionRendezvous-v0"
+ENVIRONMENT = "thruster_envs/OrionRendezvous-v1"
 HEALTHY = ThrusterBelief.healthy(12)
 
 

@@ -179,7 +179,7 @@ def test_a_surprise_makes_the_filter_start_anew():
 
 def fly_environment(seeds, controllers, **options):
     """Fly one episode per seed with a controller each; returns the last info and the summed rewards."""
-    env = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=len(seeds), **options)
+    env = gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=len(seeds), **options)
     policies = [RendezvousPolicy(controller) for controller in controllers]
     observations, _ = env.reset(seed=seeds[0])
     terminated = np.zeros(len(seeds), bool)
@@ -217,7 +217,7 @@ def test_with_a_fault_that_is_known_it_arrives(thruster, severity):
 
 def test_commanding_and_allocating_apart_is_what_it_does_in_one():
     """A controller that only sees observations and never allocates decides as the one that flies."""
-    env = gym.make("thruster_envs/OrionRendezvous-v0")
+    env = gym.make("thruster_envs/OrionRendezvous-v1")
     observation, _ = env.reset(seed=VALIDATION_SEEDS[0])
     flying = RendezvousPolicy(RendezvousController(ORION, STEPS))
     watching = RendezvousCommandPolicy(RendezvousController(ORION, STEPS))
@@ -239,7 +239,7 @@ def test_commanding_and_allocating_apart_is_what_it_does_in_one():
 
 
 def test_a_command_beyond_the_authority_is_clipped():
-    env = gym.make("thruster_envs/OrionRendezvous-v0")
+    env = gym.make("thruster_envs/OrionRendezvous-v1")
     observation, _ = env.reset(seed=1)
     observation[6:9] = 0.4, -0.4, 0.0  # 0.2 rad, to be turned back in 0.01 s
     settings = RendezvousSettings(return_time=0.01, return_time_burning=0.01)
@@ -250,7 +250,7 @@ def test_a_command_beyond_the_authority_is_clipped():
 def test_another_mapper_in_the_loop_brings_it_home_at_about_the_same_price():
     """The plain LP falls short of a burn by the coupling; planning anew from what came of it makes up."""
     seeds = VALIDATION_SEEDS[:3]
-    env = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=len(seeds))
+    env = gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=len(seeds))
     env = VectorMapperAction(env, LPMapper(ORION))
     policies = [RendezvousCommandPolicy(RendezvousController(ORION, STEPS)) for _ in seeds]
     observations, _ = env.reset(seed=seeds[0])

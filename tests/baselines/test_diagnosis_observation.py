@@ -13,7 +13,7 @@ from thruster_envs.spacecraft import load
 from thruster_envs.testing import check_vector_env
 from thruster_envs.views import HoldAction, MapperAction, VectorHoldAction, VectorMapperAction
 
-MARS = "thruster_envs/MarsRendezvous-v0"
+MARS = "thruster_envs/MarsRendezvous-v1"
 OPEN = [{"thruster": 3, "kind": "stuck_on", "onset": 50.03}]
 
 
@@ -200,7 +200,7 @@ def test_a_mapper_and_a_hold_stand_where_they_can():
 
 def test_who_cannot_feed_a_detector_is_told_so():
     with pytest.raises(TypeError, match="OrionRendezvousEnv shows no navigation to a detector; Mars"):
-        DiagnosisObservation(gym.make("thruster_envs/OrionRendezvous-v0"), correlation())
+        DiagnosisObservation(gym.make("thruster_envs/OrionRendezvous-v1"), correlation())
     with pytest.raises(ValueError, match="navigation_delay is 0, so that"):
         single(navigation_delay=0)
     with pytest.raises(ValueError, match="detector must be for 1 vehicles, got one for 3"):

@@ -27,7 +27,7 @@ from thruster_envs.seeds import TEST, VALIDATION
 from thruster_envs.spacecraft import load
 
 ORION = load("orion")
-DIAGNOSIS, ACTIVE = "thruster_envs/FaultDiagnosis-v0", "thruster_envs/ActiveDiagnosis-v0"
+DIAGNOSIS, ACTIVE = "thruster_envs/FaultDiagnosis-v1", "thruster_envs/ActiveDiagnosis-v1"
 EVERY_KIND = FaultDistribution(
     kinds=("stuck_off", "loss", "leak", "stuck_on", "misalignment"), onset=(0.0, 50.0)
 )
@@ -95,7 +95,7 @@ def test_a_policy_may_fly_and_a_lost_flight_measures_nothing_any_more():
     assert not spin.valid[:, -1].any()
     assert (np.diff(spin.valid.astype(int), axis=1) <= 0).all()
     flown = EnvironmentFlights(
-        environment="thruster_envs/OrionRendezvous-v0", periods=3,
+        environment="thruster_envs/OrionRendezvous-v1", periods=3,
         policy=lambda observations: np.full((len(observations), 12), -0.5),
     )(range(2), faulty=False)  # fmt: skip
     np.testing.assert_allclose(flown.on_times, 1.25, rtol=1e-6)
@@ -107,10 +107,10 @@ def test_a_policy_may_fly_and_a_lost_flight_measures_nothing_any_more():
         ({"periods": 0}, "periods must be at least 1, got 0"),
         ({"worlds": 0}, "worlds is 0"),
         ({"arguments": {"faults": []}}, "arguments has 'faults'; the field `faults`"),
-        ({"environment": "thruster_envs/OrionRendezvous-v0"}, "periods is None"),
-        ({"environment": "thruster_envs/OrionRendezvous-v0", "periods": 3}, "does not fly by itself"),
+        ({"environment": "thruster_envs/OrionRendezvous-v1"}, "periods is None"),
+        ({"environment": "thruster_envs/OrionRendezvous-v1", "periods": 3}, "does not fly by itself"),
         ({"environment": "CartPole-v1"}, "environment is 'CartPole-v1', which takes no faults; one of this"),
-        ({"environment": "thruster_envs/FormationKeeping-v0", "periods": 3}, "craft; an environment of one"),
+        ({"environment": "thruster_envs/FormationKeeping-v1", "periods": 3}, "craft; an environment of one"),
     ],
 )
 def test_what_cannot_fly_is_refused_in_one_line(given, line):
@@ -206,7 +206,7 @@ def test_worlds_that_begin_again_are_begun_anew():
 
 def test_only_diagnosis_tasks_can_be_played():
     with pytest.raises(ValueError, match="the observation of OrionRendezvous has no 'time'"):
-        DetectorPlayer(make("thruster_envs/OrionRendezvous-v0", 1))
+        DetectorPlayer(make("thruster_envs/OrionRendezvous-v1", 1))
     with pytest.raises(ValueError, match=r"environment must be one of this suite, got .*CartPole.*"):
         DetectorPlayer(gym.make("CartPole-v1"))
 

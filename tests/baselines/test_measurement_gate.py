@@ -22,7 +22,7 @@ AT_REST = np.eye(13)[6]
 
 def flight(seed: int, craft=ORION, faults=(), periods: int = 60) -> tuple[np.ndarray, np.ndarray]:
     """On-times (periods, 12) of a scripted flight, and its measured states (periods + 1, 13)."""
-    env = gym.make("thruster_envs/FaultDiagnosis-v0", spacecraft=craft, faults=list(faults))
+    env = gym.make("thruster_envs/FaultDiagnosis-v1", spacecraft=craft, faults=list(faults))
     observation, _ = env.reset(seed=seed)
     data = env.unwrapped.worlds.state.fleet.data
     on_times, states = [], [data[0, at.MEASURED : at.MEASURED + 13, 0].copy()]

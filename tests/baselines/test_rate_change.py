@@ -29,7 +29,7 @@ def state_of(env) -> np.ndarray:
 
 def test_what_is_left_is_what_was_fired_far_from_the_target_too():
     craft = silent_orion()
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=craft)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=craft)
     rng = np.random.default_rng(0)
     for seed in range(20):
         env.reset(seed=seed)  # nearly at rest: while it turns, what it fires turns with it
@@ -47,7 +47,7 @@ def test_what_is_left_is_what_was_fired_far_from_the_target_too():
 
 def test_free_motion_leaves_nothing_and_batches_are_single_calls():
     craft = silent_orion()
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=craft)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=craft)
     states = []
     for seed in range(5):
         env.reset(seed=seed)

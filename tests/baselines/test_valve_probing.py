@@ -75,7 +75,7 @@ def test_groups_take_turns_until_an_alarm_and_that_of_the_named_thruster_is_aske
 def fly(fault, probe, seconds, vehicles=6):
     """Some seconds of flights with a detector: the pilot, and the fuel that was used."""
     envs = gym.make_vec(
-        "thruster_envs/MarsRendezvous-v0", num_envs=vehicles, vectorization_mode="vector_entry_point",
+        "thruster_envs/MarsRendezvous-v1", num_envs=vehicles, vectorization_mode="vector_entry_point",
         inhibit=True, faults=fault,
     )  # fmt: skip
     observations, _ = envs.reset(seed=VALIDATION.start + 700)
@@ -133,7 +133,7 @@ def test_settings_that_cannot_be_are_refused():
 def test_nothing_is_probed_where_the_target_is_near_nor_after_an_alarm_where_a_retreat_takes_its_time(spare):
     chaser = replace(CHASER, spare_branch=spare)
     envs = gym.make_vec(
-        "thruster_envs/MarsRendezvous-v0", num_envs=2, vectorization_mode="vector_entry_point",
+        "thruster_envs/MarsRendezvous-v1", num_envs=2, vectorization_mode="vector_entry_point",
         inhibit=True, distance=5.0, spacecraft=chaser, faults=Fault(6, "loss", severity=0.6, onset=12.0),
     )  # fmt: skip
     observations, _ = envs.reset(seed=VALIDATION.start + 40)

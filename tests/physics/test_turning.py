@@ -145,7 +145,7 @@ def test_a_period_of_any_craft_that_is_accepted_errs_by_less_than_the_bound():
 )
 def test_a_vehicle_that_cannot_be_flown_is_refused_in_one_line_with_the_reason(vehicle, reason):
     with pytest.raises(ValueError, match=reason) as refusal:
-        gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=vehicle)
+        gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=vehicle)
     assert "\n" not in str(refusal.value)
     gym.make("thruster_envs/ThrusterMapping-v0", spacecraft=vehicle)  # where nothing moves
 
@@ -182,7 +182,7 @@ def test_an_episode_of_a_craft_that_is_turned_too_fast_ends_as_lost_and_stays_fi
     strong = with_valves(load("orion"), thrust=22.0, specific_impulse=math.inf)
     one = strong.replace(thrusters=strong.thrusters[:1])
     env: Any = gym.make(
-        "thruster_envs/OrionRendezvous-v0", spacecraft=one, max_substep=max_substep, rate_limit=1e9,
+        "thruster_envs/OrionRendezvous-v1", spacecraft=one, max_substep=max_substep, rate_limit=1e9,
         range_limit=1e12,
     ).unwrapped  # fmt: skip
     env.reset(seed=1)

@@ -48,7 +48,7 @@ def scene(*crafts, **changes):
         "spacecraft": ORION,
         "craft": crafts or (craft(),),
         "time": 250.0,
-        "title": "OrionRendezvous-v0",
+        "title": "OrionRendezvous-v1",
         "readouts": (("range", "118.4 m"), ("delta-v used", "0.41 m/s")),
     }
     return Scene(**(values | changes))

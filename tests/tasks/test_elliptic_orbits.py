@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.tasks.test_every_vehicle import assert_finite
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.orbits import Ellipse, transition_matrix
 from thruster_envs.registration import ENVIRONMENTS
@@ -29,11 +29,11 @@ OBLATE = Orbit(
 )  # fmt: skip
 #: What each task flies with unless told otherwise.
 ITS_OWN = {
-    "MarsRendezvous-v0": "msr_chaser",
+    "MarsRendezvous-v1": "msr_chaser",
     "PulseDiagnosis-v0": "ppt_cubesat",
-    "FormationAttitude-v0": "ppt_cubesat",
+    "FormationAttitude-v1": "ppt_cubesat",
 }
-RENDEZVOUS = "thruster_envs/OrionRendezvous-v0"
+RENDEZVOUS = "thruster_envs/OrionRendezvous-v1"
 
 
 def on(orbit: Orbit, name: str = "orion"):
@@ -60,9 +60,9 @@ def test_a_task_flies_twenty_finite_steps_or_is_refused_in_one_line(identifier, 
     assert ("orbit" in info) == env.task.flies
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_formations_of_many_agents_fly_too(module):
-    vehicle = "orion" if module is formation_keeping_v0 else "ppt_cubesat"
+    vehicle = "orion" if module is formation_keeping_v1 else "ppt_cubesat"
     env = module.parallel_env(spacecraft=on(ELLIPTIC, vehicle))
     env.reset(seed=2)
     for step in range(20):
@@ -132,7 +132,7 @@ def test_a_recording_has_the_anomaly_with_its_unit():
 @pytest.mark.parametrize("eccentricity", [0.1, 0.5])
 def test_slots_lie_on_a_relative_orbit_that_free_motion_follows_and_closes(eccentricity):
     orbit = Orbit(semi_major_axis=15e6, eccentricity=eccentricity, true_anomaly=0.7)
-    env = formation_keeping_v0.parallel_env(
+    env = formation_keeping_v1.parallel_env(
         spacecraft=on(orbit).replace(control_period=60.0), range_limit=1e6
     )
     env.reset(seed=1)
@@ -185,7 +185,7 @@ def test_along_free_motion_across_the_plane_the_delta_v_to_go_has_no_jump():
 
 def test_the_pilot_of_a_formation_holds_its_slots_about_an_ellipse():
     """Craft that nobody commands stay within the tolerance of their slots for most of two hundred periods."""
-    env = formation_keeping_v0.parallel_env(craft=3, commanded=1, spacecraft=on(ELLIPTIC))
+    env = formation_keeping_v1.parallel_env(craft=3, commanded=1, spacecraft=on(ELLIPTIC))
     env.reset(seed=6)
     worlds, kept = env.unwrapped.worlds, []
     for step in range(100):
@@ -201,7 +201,7 @@ def test_with_j2_the_anomaly_counts_from_the_perigee_of_the_vehicle():
         semi_major_axis=7500e3, inclination=1.0, argument_of_perigee=0.4, true_anomaly=1.0,
         true_anomaly_dispersion=0.5, j2=EARTH_J2, planet_radius=EARTH_RADIUS,
     )  # fmt: skip
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=load("orion").replace(orbit=orbit))
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=load("orion").replace(orbit=orbit))
     starts = [env.reset(seed=seed)[1]["orbit"]["true_anomaly"] for seed in range(8)]
     assert len(set(starts)) == 8
     assert all(0.5 <= start <= 1.5 for start in starts)

@@ -13,12 +13,12 @@ from tests.tasks.vehicles import vehicles
 from thruster_baselines.control import DiagnosisObservation
 from thruster_baselines.detection.residuals import CorrelationDetector
 from thruster_baselines.mapping import LPMapper, NonNegativeLeastSquaresMapper, PseudoInverseMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.registration import ENVIRONMENTS
 from thruster_envs.views import BeliefAction, MapperAction
 
 VEHICLES = vehicles()
-PARALLEL = {"formation_keeping_v0": formation_keeping_v0, "formation_attitude_v0": formation_attitude_v0}
+PARALLEL = {"formation_keeping_v1": formation_keeping_v1, "formation_attitude_v1": formation_attitude_v1}
 STEPS = 20
 
 
@@ -63,7 +63,7 @@ def test_a_vehicle_is_finite_through_twenty_steps_or_refused_in_one_line(identif
     [(one, "orion") for one in ENVIRONMENTS if one.split("/")[1].split("-")[0] in (
         "ThrusterMapping", "OrionRendezvous", "FormationKeeping", "FaultDiagnosis", "ActiveDiagnosis"
     )]
-    + [("thruster_envs/MarsRendezvous-v0", "msr_chaser"), ("thruster_envs/PulseDiagnosis-v0", "ppt_cubesat")],
+    + [("thruster_envs/MarsRendezvous-v1", "msr_chaser"), ("thruster_envs/PulseDiagnosis-v0", "ppt_cubesat")],
 )  # fmt: skip
 def test_a_vehicle_is_not_refused_for_an_axis_that_nothing_turns_or_pushes(identifier, base):
     for name in VEHICLES:
@@ -118,7 +118,7 @@ def test_mappers_between_policy_and_any_vehicle_give_finite_steps(name, mapper_t
 def test_the_pilot_of_an_approach_and_a_detector_beside_it_are_finite_on_any_vehicle(name):
     vehicle = VEHICLES[name]
     detector = CorrelationDetector(vehicle, 0.02, vehicles=1)
-    env: Any = DiagnosisObservation(gym.make("thruster_envs/MarsRendezvous-v0", spacecraft=vehicle), detector)
+    env: Any = DiagnosisObservation(gym.make("thruster_envs/MarsRendezvous-v1", spacecraft=vehicle), detector)
     env.reset(seed=4)
     worlds = env.unwrapped.worlds
     for step in range(STEPS):

@@ -303,7 +303,7 @@ def test_a_chaser_without_a_spare_branch_has_valves_to_close_and_nothing_more():
 
 def test_a_fault_is_over_for_info_once_its_branch_is_left():
     env = gym.make(
-        "thruster_envs/MarsRendezvous-v0", inhibit=True, faults=[{"thruster": 3, "kind": "stuck_on"}]
+        "thruster_envs/MarsRendezvous-v1", inhibit=True, faults=[{"thruster": 3, "kind": "stuck_on"}]
     )
     env.reset(seed=0)
     action = np.full(17, -1.0, np.float32)
@@ -373,7 +373,7 @@ def test_where_there_is_no_spare_branch_its_thrusters_cannot_fail():
 
 def test_info_has_the_true_state_and_the_onset():
     env = gym.make(
-        "thruster_envs/MarsRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 4.25}]
+        "thruster_envs/MarsRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 4.25}]
     )
     _, info = env.reset(seed=0)
     assert info["fault"]["onset"].tolist() == [4.25, 0.0, 0.0, 0.0]
@@ -390,7 +390,7 @@ def test_info_has_the_true_state_and_the_onset():
 
 def test_info_has_the_true_delay_of_each_pulse():
     late = Fault(2, "late_opening", severity=0.03, onset=0.95)
-    env = gym.make("thruster_envs/MarsRendezvous-v0", faults=late)
+    env = gym.make("thruster_envs/MarsRendezvous-v1", faults=late)
     assert np.all(env.reset(seed=3)[1]["approach"]["delay"] == 0.0)
     seen = np.array([env.step(np.zeros(8, np.float32))[-1]["approach"]["delay"] for _ in range(40)])
     modulator = CHASER.modulator

@@ -74,7 +74,7 @@ def test_a_task_built_directly_refuses_what_its_environment_refuses():
 
 
 def test_a_craft_that_a_torque_turns_faster_than_can_be_followed_is_lost_and_stays_finite():
-    env: Any = gym.make("thruster_envs/FormationAttitude-v0", bias_torque=(1e9, 0.0, 0.0)).unwrapped
+    env: Any = gym.make("thruster_envs/FormationAttitude-v1", bias_torque=(1e9, 0.0, 0.0)).unwrapped
     env.reset(seed=1)
     observation, reward, terminated, _, info = env.step(np.zeros(3, np.int64))
     assert terminated

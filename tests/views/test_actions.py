@@ -32,8 +32,8 @@ from thruster_envs.views import (
 )
 
 MAPPING = "thruster_envs/ThrusterMapping-v0"
-RENDEZVOUS = "thruster_envs/OrionRendezvous-v0"
-FORMATION = "thruster_envs/FormationAttitude-v0"
+RENDEZVOUS = "thruster_envs/OrionRendezvous-v1"
+FORMATION = "thruster_envs/FormationAttitude-v1"
 SPHERES = load("spheres")
 
 
@@ -120,13 +120,13 @@ def test_knowing_the_fault_is_worth_something(mapper):
 @pytest.mark.filterwarnings("ignore:.*has a wrapper applied:UserWarning")  # the wrapper is what is checked
 def test_checkers_find_nothing_wrong_with_the_wrapped_environments(mapper):
     check_env(believing(mapper, faults=FAULTS), skip_render_check=True)
-    check_env(MapperAction(gym.make("thruster_envs/OrionRendezvous-v0"), mapper), skip_render_check=True)
+    check_env(MapperAction(gym.make("thruster_envs/OrionRendezvous-v1"), mapper), skip_render_check=True)
     check_env_for_sb3(believing(mapper, faults=FAULTS))
 
 
 def test_what_an_environment_takes_beside_duties_stands_behind_the_rate_change():
     """On the Mars chaser: a wrench, eight isolation valves and the branch, in both forms."""
-    chaser, single, many = "thruster_envs/MarsRendezvous-v0", [], []
+    chaser, single, many = "thruster_envs/MarsRendezvous-v1", [], []
     env = MapperAction(gym.make(chaser, inhibit=True), LPMapper(load("msr_chaser")))
     envs = VectorMapperAction(gym.make_vec(chaser, num_envs=2, inhibit=True), LPMapper(load("msr_chaser")))
     assert env.action_space.shape == envs.single_action_space.shape == (6 + 8 + 1,)
@@ -158,7 +158,7 @@ def test_the_vector_form_is_the_single_form_in_every_autoreset_mode(mapper):
 
 
 def test_the_vector_form_of_mapper_action_is_the_single_form(mapper):
-    identifier = "thruster_envs/OrionRendezvous-v0"
+    identifier = "thruster_envs/OrionRendezvous-v1"
 
     def vector(num_envs, autoreset_mode):
         beneath = gym.make_vec(
@@ -199,9 +199,9 @@ def test_the_wrapped_batch_goes_into_stable_baselines(mapper):
 
 def test_wrappers_refuse_what_they_cannot_do(mapper):
     with pytest.raises(ValueError, match="commands no rate change"):
-        BeliefAction(gym.make("thruster_envs/OrionRendezvous-v0"), mapper)
+        BeliefAction(gym.make("thruster_envs/OrionRendezvous-v1"), mapper)
     with pytest.raises(ValueError, match="FaultDiagnosisEnv is not the duty of each thruster"):
-        MapperAction(gym.make("thruster_envs/FaultDiagnosis-v0"), mapper)
+        MapperAction(gym.make("thruster_envs/FaultDiagnosis-v1"), mapper)
     with pytest.raises(TypeError, match="no thrusters"):
         MapperAction(gym.make("CartPole-v1"), mapper)
     with pytest.raises(ValueError, match=r"\(6, 11\)"):

@@ -112,7 +112,7 @@ def test_a_saved_batch_goes_on_as_it_would_have(identifier):
 
 
 def test_a_state_of_other_worlds_is_refused():
-    identifier = "thruster_envs/MarsRendezvous-v0"
+    identifier = "thruster_envs/MarsRendezvous-v1"
     saved = gym.make_vec(identifier, num_envs=3).unwrapped.save_state()
     with pytest.raises(ValueError, match=r"the saved .* must have the shape .*, got .*"):
         gym.make_vec(identifier, num_envs=2).unwrapped.restore_state(saved)

@@ -15,14 +15,14 @@ from tests.views.cases import IDS, faults_of
 from thruster_baselines.control import DiagnosisObservation
 from thruster_baselines.detection.residuals import CorrelationDetector
 from thruster_baselines.mapping import CarryingMapper, LPMapper, TruncatingMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.faults import Fault, FaultDistribution
 from thruster_envs.spacecraft import load, save
 from thruster_envs.views import BeliefAction, HoldAction, MapperAction, SharedPolicyVecEnv
 
 MAPPING = "thruster_envs/ThrusterMapping-v0"
-ORION = "thruster_envs/OrionRendezvous-v0"
-MARS = "thruster_envs/MarsRendezvous-v0"
+ORION = "thruster_envs/OrionRendezvous-v1"
+MARS = "thruster_envs/MarsRendezvous-v1"
 
 MAKERS = {
     **{
@@ -33,9 +33,9 @@ MAKERS = {
         f"{identifier}, batch": lambda identifier=identifier, **kwargs: gym.make_vec(identifier, **kwargs)
         for identifier in IDS
     },
-    "keeping, parallel": formation_keeping_v0.parallel_env,
-    "keeping, one by one": formation_keeping_v0.env,
-    "attitude, parallel": formation_attitude_v0.parallel_env,
+    "keeping, parallel": formation_keeping_v1.parallel_env,
+    "keeping, one by one": formation_keeping_v1.env,
+    "attitude, parallel": formation_attitude_v1.parallel_env,
     "shared policy": lambda **kwargs: SharedPolicyVecEnv(2, **kwargs),
 }
 
@@ -83,8 +83,8 @@ def test_an_environment_whose_constructor_failed_can_be_closed(identifier, form,
 
 def test_a_parallel_environment_whose_constructor_failed_can_be_closed():
     for cls in (
-        type(formation_keeping_v0.parallel_env()),
-        type(formation_attitude_v0.parallel_env()),
+        type(formation_keeping_v1.parallel_env()),
+        type(formation_attitude_v1.parallel_env()),
     ):
         for arguments in REFUSED:
             env = cls.__new__(cls)
@@ -265,7 +265,7 @@ def test_one_choice_is_a_discrete_space():
 
 def test_the_package_registers_nothing_that_cannot_be_printed(capsys):
     gym.pprint_registry()
-    assert "OrionRendezvous-v0" in capsys.readouterr().out
+    assert "OrionRendezvous-v1" in capsys.readouterr().out
     assert thruster_envs.__version__
 
 
@@ -273,7 +273,7 @@ def test_a_specification_with_a_users_pilot_holds_in_memory_and_names_it_in_json
     def pilot(sight):
         return np.zeros((len(sight.position), 12))
 
-    identifier = "thruster_envs/FaultDiagnosis-v0"
+    identifier = "thruster_envs/FaultDiagnosis-v1"
     env = gym.make(identifier, pilot=pilot)
     again = gym.make(env.spec)
     assert again.unwrapped.task.pilot is pilot

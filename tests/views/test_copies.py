@@ -15,7 +15,7 @@ import pytest
 from tests.processes.flights import digest
 from tests.views.cases import FAULTS, IDS, actions_of, faults_of
 from thruster_baselines.mapping import CarryingMapper, LPMapper, MinimumPulseMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.tasks import FormationAttitude
 from thruster_envs.views import (
     BeliefAction,
@@ -29,7 +29,7 @@ from thruster_envs.views import (
 )
 
 STEPS = 2
-MAPPING, ORION = "thruster_envs/ThrusterMapping-v0", "thruster_envs/OrionRendezvous-v0"
+MAPPING, ORION = "thruster_envs/ThrusterMapping-v0", "thruster_envs/OrionRendezvous-v1"
 FILM = {"render_mode": "rgb_array"}
 
 COPIES = (
@@ -141,10 +141,10 @@ CASES = {
     ),
     "hold": lambda: Gymnasium(ORION, wrap=lambda env: HoldAction(env, 2)),
     "hold, batch": lambda: Gymnasium(ORION, worlds=2, wrap=lambda env: VectorHoldAction(env, 2)),
-    "formation": lambda: PettingZoo(partial(formation_keeping_v0.parallel_env, faults=FAULTS)),
-    "formation, one by one": lambda: PettingZoo(partial(formation_keeping_v0.env, faults=FAULTS)),
-    "attitudes": lambda: PettingZoo(formation_attitude_v0.parallel_env),
-    "attitudes, one by one": lambda: PettingZoo(formation_attitude_v0.env),
+    "formation": lambda: PettingZoo(partial(formation_keeping_v1.parallel_env, faults=FAULTS)),
+    "formation, one by one": lambda: PettingZoo(partial(formation_keeping_v1.env, faults=FAULTS)),
+    "attitudes": lambda: PettingZoo(formation_attitude_v1.parallel_env),
+    "attitudes, one by one": lambda: PettingZoo(formation_attitude_v1.env),
     "VecEnv": lambda: StableBaselines(SB3VecEnv(gym.make_vec(ORION, num_envs=2, faults=FAULTS, **FILM))),
     "shared policy": lambda: StableBaselines(SharedPolicyVecEnv(2, faults=FAULTS)),
     "shared policy, attitudes": lambda: StableBaselines(SharedPolicyVecEnv(2, task_type=FormationAttitude)),

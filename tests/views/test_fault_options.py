@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.views.cases import IDS, actions_of, craft_of, kinds_of
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.faults import KINDS, Fault, FaultDistribution
 
 
@@ -116,7 +116,7 @@ def test_seeds_of_worlds_are_those_that_were_taken():
     assert env.unwrapped.np_random_seed == (7, 2, 9)
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_parallel_view_refuses_what_is_no_fault_and_changes_nothing(module):
     env, twin = module.parallel_env(), module.parallel_env()
     for one in (env, twin):

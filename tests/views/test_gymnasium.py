@@ -103,20 +103,20 @@ def test_a_fault_is_given_to_make_or_to_reset_and_comes_back_as_truth(identifier
 
 @pytest.mark.parametrize("slip", ["fault", "Faults", "falts"])
 def test_a_misspelt_option_is_left_alone_with_a_line_that_says_so(slip):
-    env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[]).unwrapped
+    env = gym.make("thruster_envs/OrionRendezvous-v1", faults=[]).unwrapped
     with pytest.warns(UserWarning, match=f"key '{slip}', which nothing reads; did you mean 'faults'") as told:
         _, info = env.reset(seed=0, options={slip: Fault(1, "stuck_on")})
     assert len(told) == 1
     assert told[0].filename == __file__
     assert not info["fault"]["thruster"].any()
-    batch = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=2).unwrapped
+    batch = gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=2).unwrapped
     with pytest.warns(UserWarning, match="key 'reset_maks', .* 'reset_mask'"):
         batch.reset(seed=0, options={"reset_maks": np.array([True, False])})
 
 
 @pytest.mark.parametrize("options", [{"options": 1}, {"default": 1}, {"mask": 1}, {3: 1}, {}])
 def test_other_peoples_options_pass_without_a_word(options):
-    env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[]).unwrapped
+    env = gym.make("thruster_envs/OrionRendezvous-v1", faults=[]).unwrapped
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env.reset(seed=0, options=options | {"faults": []})
@@ -207,7 +207,7 @@ def unexpected(given, meant):
 
 def test_how_many_craft_are_commanded_is_not_to_be_chosen_where_there_is_one_agent():
     with pytest.raises(ValueError, match="commanded is always 1"):
-        gym.make("thruster_envs/FormationKeeping-v0", commanded=2)
+        gym.make("thruster_envs/FormationKeeping-v1", commanded=2)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 
 from tests.views.cases import FAULTS, IDS, constant, craft_of, entries, faults_of, kinds_of, world_of
 from thruster_baselines.mapping import LPMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.faults import Fault
 from thruster_envs.tasks import FormationAttitude, FormationKeeping
 from thruster_envs.views import (
@@ -21,7 +21,7 @@ from thruster_envs.views import (
     VectorMapperAction,
 )
 
-FORMATION, MAPPING = "thruster_envs/FormationKeeping-v0", "thruster_envs/ThrusterMapping-v0"
+FORMATION, MAPPING = "thruster_envs/FormationKeeping-v1", "thruster_envs/ThrusterMapping-v0"
 PARALLEL = {FormationKeeping: FormationParallelEnv, FormationAttitude: FormationAttitudeParallelEnv}
 
 
@@ -283,7 +283,7 @@ def before_reset():
             np.zeros((2, 12))
         ),
     }
-    for module in (formation_keeping_v0, formation_attitude_v0):
+    for module in (formation_keeping_v1, formation_attitude_v1):
         for name in ("raw_env", "env"):
             calls[f"{module.__name__} {name} state"] = lambda m=module, n=name: getattr(m, n)().state()
     return calls
@@ -377,7 +377,7 @@ def test_flat_infos_of_a_batch_have_a_mask_for_every_key(identifier, mode):
             assert all(np.array_equal(expected[key], two[key]) for key in expected)
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_flat_infos_of_agents(module):
     nested, flat = module.parallel_env(), module.parallel_env(flat_info=True)
     first, second = nested.reset(seed=1)[1], flat.reset(seed=1)[1]

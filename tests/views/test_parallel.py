@@ -7,7 +7,7 @@ import pettingzoo
 import pytest
 
 from tests.views.cases import FAULTS, faults_of
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.faults import Fault
 from thruster_envs.tasks import FormationAttitude
 from thruster_envs.testing import check_parallel_env
@@ -20,8 +20,8 @@ with warnings.catch_warnings():
 
 #: Module and faults that its craft can have.
 FORMATIONS = {
-    "formation_keeping_v0": (formation_keeping_v0, FAULTS),
-    "formation_attitude_v0": (formation_attitude_v0, faults_of("thruster_envs/FormationAttitude-v0")),
+    "formation_keeping_v1": (formation_keeping_v1, FAULTS),
+    "formation_attitude_v1": (formation_attitude_v1, faults_of("thruster_envs/FormationAttitude-v1")),
 }
 formations = pytest.mark.parametrize(("module", "faults"), FORMATIONS.values(), ids=FORMATIONS.keys())
 
@@ -66,31 +66,31 @@ def test_our_own_checks_pass_over_many_steps_and_in_another_process(module, faul
 
 @pytest.mark.parametrize("options", [{"action": "duties"}, {"command_leader": True}, {"commanded": 1}])
 def test_every_form_of_the_turning_formation_passes_our_own_checks(options):
-    faults = faults_of("thruster_envs/FormationAttitude-v0")
+    faults = faults_of("thruster_envs/FormationAttitude-v1")
     report = check_parallel_env(
-        formation_attitude_v0.parallel_env, steps=40, faults=faults, max_cycles=15, **options
+        formation_attitude_v1.parallel_env, steps=40, faults=faults, max_cycles=15, **options
     )
     assert not report.failures
 
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "make"), reason="PettingZoo has tables from 1.27 on")
 def test_they_stand_in_both_tables_of_pettingzoo():
-    env = pettingzoo.make("parallel", "thruster_envs/formation_keeping_v0", craft=2)
+    env = pettingzoo.make("parallel", "thruster_envs/formation_keeping_v1", craft=2)
     assert isinstance(env.unwrapped, FormationParallelEnv)
     assert len(env.possible_agents) == 2
-    turns = pettingzoo.make("aec", "thruster_envs/formation_keeping_v0", craft=5)
+    turns = pettingzoo.make("aec", "thruster_envs/formation_keeping_v1", craft=5)
     turns.reset(seed=0)
     assert turns.agents == [f"craft_{k}" for k in range(1, 6)]
-    env = pettingzoo.make("parallel", "thruster_envs/formation_attitude_v0", craft=2)
+    env = pettingzoo.make("parallel", "thruster_envs/formation_attitude_v1", craft=2)
     assert isinstance(env.unwrapped, FormationAttitudeParallelEnv)
     assert env.possible_agents == ["follower_1"]
-    turns = pettingzoo.make("aec", "thruster_envs/formation_attitude_v0", craft=3, command_leader=True)
+    turns = pettingzoo.make("aec", "thruster_envs/formation_attitude_v1", craft=3, command_leader=True)
     turns.reset(seed=0)
     assert turns.agents == ["leader", "follower_1", "follower_2"]
 
 
 def test_all_agents_stay_until_the_end_and_end_together():
-    env = formation_keeping_v0.parallel_env(max_cycles=10, craft=8)
+    env = formation_keeping_v1.parallel_env(max_cycles=10, craft=8)
     for seed in range(3):
         env.reset(seed=seed)
         for cycle in range(1, 11):
@@ -106,7 +106,7 @@ def test_all_agents_stay_until_the_end_and_end_together():
 
 
 def test_a_lost_craft_ends_the_episode_for_all():
-    env = formation_keeping_v0.parallel_env()
+    env = formation_keeping_v1.parallel_env()
     env.reset(seed=0)
     actions = hold(env)
     spin = np.full(12, -1.0, np.float32)
@@ -122,7 +122,7 @@ def test_a_lost_craft_ends_the_episode_for_all():
 
 
 def test_each_agent_is_told_of_its_own_faults():
-    env = formation_keeping_v0.parallel_env(
+    env = formation_keeping_v1.parallel_env(
         faults=[Fault(4, "leak", severity=0.5, craft=2), Fault(9, "loss", craft=3)]
     )
     _, infos = env.reset(seed=0)
@@ -132,7 +132,7 @@ def test_each_agent_is_told_of_its_own_faults():
 
 
 def test_the_rows_of_the_shared_policy_are_the_agents():
-    env = formation_keeping_v0.parallel_env(faults=FAULTS)
+    env = formation_keeping_v1.parallel_env(faults=FAULTS)
     rows = SharedPolicyVecEnv(2, faults=FAULTS)
     rows.seed(30)  # SB3 gives row k the seed 30 + k, and a world that of its first row
     batch = rows.reset()
@@ -147,8 +147,8 @@ def test_the_rows_of_the_shared_policy_are_the_agents():
 
 
 def test_the_rows_of_the_shared_policy_are_the_agents_of_the_turning_formation():
-    faults = faults_of("thruster_envs/FormationAttitude-v0")
-    env = formation_attitude_v0.parallel_env(faults=faults, command_leader=True)
+    faults = faults_of("thruster_envs/FormationAttitude-v1")
+    env = formation_attitude_v1.parallel_env(faults=faults, command_leader=True)
     rows = SharedPolicyVecEnv(2, task_type=FormationAttitude, faults=faults, command_leader=True)
     rows.seed(30)
     batch = rows.reset()
@@ -163,14 +163,14 @@ def test_the_rows_of_the_shared_policy_are_the_agents_of_the_turning_formation()
 
 
 def test_the_state_is_all_observations_and_lies_in_its_space():
-    env = formation_keeping_v0.parallel_env()
+    env = formation_keeping_v1.parallel_env()
     observations, _ = env.reset(seed=0)
     assert env.state() in env.state_space
     assert np.array_equal(env.state(), np.concatenate([observations[agent] for agent in env.agents]))
 
 
 def test_a_missing_or_misshapen_action_is_named():
-    env = formation_keeping_v0.parallel_env()
+    env = formation_keeping_v1.parallel_env()
     env.reset(seed=0)
     actions = hold(env)
     del actions["craft_3"]
@@ -180,6 +180,6 @@ def test_a_missing_or_misshapen_action_is_named():
     with pytest.raises(ValueError, match=r"the action of craft_3 has the shape \(11,\); \(12,\) would be"):
         env.step(actions)
     with pytest.raises(ValueError, match="craft is 9; a whole number from 2 to 8"):
-        formation_keeping_v0.parallel_env(craft=9)
+        formation_keeping_v1.parallel_env(craft=9)
     with pytest.raises(TypeError, match="max_cycles"):
-        formation_keeping_v0.parallel_env(max_cycle=3)
+        formation_keeping_v1.parallel_env(max_cycle=3)

@@ -93,7 +93,7 @@ def test_targets_of_ppo_bootstrap_over_time_limits_and_not_over_endings(identifi
 
 
 def test_an_ending_of_its_own_is_not_taken_for_a_time_limit():
-    env = SB3VecEnv(gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=8, max_episode_steps=400))
+    env = SB3VecEnv(gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=8, max_episode_steps=400))
     env.seed(0)
     env.reset()
     spin = np.full((8, 12), -1.0, np.float32)
@@ -200,7 +200,7 @@ def test_pictures_and_attributes_come_through():
 
 # ---- Wrappers that are there already -----------------------------------------------------------------------
 
-FORMATION = "thruster_envs/FormationKeeping-v0"
+FORMATION = "thruster_envs/FormationKeeping-v1"
 
 
 def formation(mode, *wrappers, worlds=3, limit=4, **kwargs):
@@ -387,8 +387,8 @@ def test_a_success_rate_is_logged(monitored, tmp_path):
 
 
 def test_evaluations_log_a_success_rate(tmp_path):
-    make = lambda: Monitor(gym.make("thruster_envs/FormationKeeping-v0", max_episode_steps=6))  # noqa: E731
-    worlds = SB3VecEnv(gym.make_vec("thruster_envs/FormationKeeping-v0", num_envs=2, max_episode_steps=6))
+    make = lambda: Monitor(gym.make("thruster_envs/FormationKeeping-v1", max_episode_steps=6))  # noqa: E731
+    worlds = SB3VecEnv(gym.make_vec("thruster_envs/FormationKeeping-v1", num_envs=2, max_episode_steps=6))
     for env in (DummyVecEnv([make]), VecMonitor(worlds)):
         model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, n_epochs=1, device="cpu")
         callback = EvalCallback(env, n_eval_episodes=4, eval_freq=4, log_path=str(tmp_path), verbose=0)

@@ -13,7 +13,7 @@ from thruster_envs.views.scenes import Camera
 
 def approach(**settings):
     """An environment after its reset, and a camera on it."""
-    env = gym.make("thruster_envs/MarsRendezvous-v0", **settings).unwrapped
+    env = gym.make("thruster_envs/MarsRendezvous-v1", **settings).unwrapped
     env.reset(seed=0)
     return env, Camera(env.worlds, 0, "approach")
 
@@ -102,7 +102,7 @@ def test_a_world_whose_state_is_lost_is_drawn_where_it_was_last(identifier):
 
 def test_a_window_stays_open_over_a_world_that_is_lost(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    env = gym.make("thruster_envs/OrionRendezvous-v0", render_mode="human").unwrapped
+    env = gym.make("thruster_envs/OrionRendezvous-v1", render_mode="human").unwrapped
     env.reset(seed=0)
     for value in LOST:
         lose(env, value)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.views.cases import IDS, constant, craft_of
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.faults import SENSOR_KINDS, SENSORS, Fault, FaultDistribution
 from thruster_envs.missions import fly_missions
 from thruster_envs.views import SB3VecEnv
@@ -113,18 +113,18 @@ def test_what_has_no_sensors_refuses_their_faults_in_one_line(identifier):
 
 def test_a_craft_on_plasma_thrusters_measures_no_position():
     with pytest.raises(ValueError, match=r"^sensor must be one of attitude, rate here, got 'position'$"):
-        gym.make("thruster_envs/FormationAttitude-v0", faults=[Fault(sensor="position", kind="bias")])
+        gym.make("thruster_envs/FormationAttitude-v1", faults=[Fault(sensor="position", kind="bias")])
 
 
 def test_more_faults_than_slots_are_refused_together():
     with pytest.raises(ValueError, match="count and sensor_count must together be at most 4 "):
         gym.make(
-            "thruster_envs/OrionRendezvous-v0",
+            "thruster_envs/OrionRendezvous-v1",
             faults={"count": [1, 3], "sensor_probability": 1.0, "sensor_count": [1, 2]},
         )
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_a_parallel_environment_tells_each_craft_of_its_own_sensors(module):
     env = module.parallel_env(faults=[Fault(sensor="rate", axis=1, kind="drop_out", craft=3)])
     _, infos = env.reset(seed=0)
@@ -140,7 +140,7 @@ def test_a_parallel_environment_tells_each_craft_of_its_own_sensors(module):
 
 
 def test_stable_baselines_sees_them():
-    vectors = SB3VecEnv(gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=3, faults=DRAWN))
+    vectors = SB3VecEnv(gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=3, faults=DRAWN))
     vectors.seed(0)
     assert np.isfinite(vectors.reset()).all()
     observations, *_ = vectors.step(np.full((3, 12), -1.0, np.float32))
@@ -160,8 +160,8 @@ def test_missions_fly_by_what_faulty_sensors_say():
 
 
 def test_a_state_that_is_saved_goes_on_with_its_faulty_sensors():
-    env = gym.make("thruster_envs/OrionRendezvous-v0", faults=DRAWN).unwrapped
-    other = gym.make("thruster_envs/OrionRendezvous-v0").unwrapped
+    env = gym.make("thruster_envs/OrionRendezvous-v1", faults=DRAWN).unwrapped
+    other = gym.make("thruster_envs/OrionRendezvous-v1").unwrapped
     env.reset(seed=4)
     other.reset(seed=9)
     action = np.full(12, -1.0, np.float32)

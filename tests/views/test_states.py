@@ -10,7 +10,7 @@ from gymnasium.wrappers import vector as vector_wrappers
 
 from tests.views.cases import IDS, actions_of, entries, equal, faults_of
 from thruster_baselines.mapping import CarryingMapper, LPMapper
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.spacecraft import load
 from thruster_envs.views import (
     BeliefAction,
@@ -24,7 +24,7 @@ from thruster_envs.views import (
     set_state,
 )
 
-MAPPING, ORION = "thruster_envs/ThrusterMapping-v0", "thruster_envs/OrionRendezvous-v0"
+MAPPING, ORION = "thruster_envs/ThrusterMapping-v0", "thruster_envs/OrionRendezvous-v1"
 LIMIT, BEFORE, AFTER = 7, 10, 12
 
 
@@ -107,7 +107,7 @@ def test_a_batch_goes_on_from_a_state_in_each_mode(identifier, mode):
     assert other.unwrapped.np_random_seed == (3, 1, 4, 1, 5, 9, 2)
 
 
-@pytest.mark.parametrize("make", [formation_keeping_v0.parallel_env, formation_attitude_v0.parallel_env])
+@pytest.mark.parametrize("make", [formation_keeping_v1.parallel_env, formation_attitude_v1.parallel_env])
 def test_agents_go_on_from_a_state(make):
     env, other = make(max_cycles=LIMIT), make(max_cycles=LIMIT)
     rng = np.random.default_rng(0)
@@ -227,7 +227,7 @@ def test_a_state_of_something_else_is_refused_in_one_line_and_changes_nothing():
     before, state = get_state(env), get_state(env)
     heavier = ORION_CRAFT.replace(mass=2.0 * ORION_CRAFT.mass)
     refused = [
-        (get_state(gym.make("thruster_envs/MarsRendezvous-v0")), "environment = 'OrionRendezvousEnv'"),
+        (get_state(gym.make("thruster_envs/MarsRendezvous-v1")), "environment = 'OrionRendezvousEnv'"),
         (get_state(gym.make(ORION, spacecraft=heavier)), r"with spacecraft\.mass = "),
         (get_state(gym.make(ORION, orbits=1.0)), r"with orbits = 0\.5, got orbits = 1\.0"),
         (get_state(gym.make_vec(ORION, num_envs=1)), "environment = 'OrionRendezvousEnv'"),

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from thruster_baselines.mapping import LPMapper
-from thruster_envs import formation_keeping_v0
+from thruster_envs import formation_keeping_v1
 from thruster_envs.faults import KINDS, FaultDistribution
 from thruster_envs.spacecraft import load
 from thruster_envs.views import MapperAction
@@ -21,8 +21,8 @@ EQUIPPED = ORION.replace(reaction_wheels=[WHEEL], control_moment_gyros=[GYRO])
 
 def test_one_number_for_each_follows_the_duties_and_the_observation():
     """A wheel gains ``u t / I`` and what the body turns the other way; a gimbal turns at its rate."""
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED)
-    plain = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=ORION)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=EQUIPPED)
+    plain = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=ORION)
     observation, info = env.reset(seed=3)
     alone, _ = plain.reset(seed=3)
     assert env.action_space.shape == (14,)
@@ -40,7 +40,7 @@ def test_one_number_for_each_follows_the_duties_and_the_observation():
 
 
 def test_a_number_that_is_not_finite_names_the_wheel():
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED, disable_env_checker=True)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=EQUIPPED, disable_env_checker=True)
     env.reset(seed=3)
     action = np.zeros(14)
     action[12] = np.nan
@@ -49,7 +49,7 @@ def test_a_number_that_is_not_finite_names_the_wheel():
 
 
 def test_parallel_agents_have_wheels_of_their_own():
-    env = formation_keeping_v0.parallel_env(spacecraft=EQUIPPED)
+    env = formation_keeping_v1.parallel_env(spacecraft=EQUIPPED)
     env.reset(seed=1)
     actions = {agent: -np.ones(14, np.float32) for agent in env.agents}
     actions[env.agents[0]][12] = 1.0
@@ -62,7 +62,7 @@ def test_parallel_agents_have_wheels_of_their_own():
 @pytest.mark.nightly
 def test_mars_rendezvous_takes_them():
     chaser = load("msr_chaser").replace(reaction_wheels=[WHEEL], control_moment_gyros=[GYRO])
-    env = gym.make("thruster_envs/MarsRendezvous-v0", spacecraft=chaser)
+    env = gym.make("thruster_envs/MarsRendezvous-v1", spacecraft=chaser)
     env.reset(seed=3)
     observation, _, _, _, info = env.step(np.append(-np.ones(env.action_space.shape[0] - 2), [1.0, 1.0]))
     assert info["storage"]["gimbal_angle"] == pytest.approx([0.01])
@@ -76,14 +76,14 @@ def test_a_task_without_them_refuses_in_one_line(task):
 
 
 def test_mappers_refuse_them_in_one_line():
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=EQUIPPED)
     with pytest.raises(ValueError, match="an action through a mapper, got 'orion' with 2 of them"):
         MapperAction(env, LPMapper(EQUIPPED, max_on_time=5.0))
 
 
 def test_distributions_draw_faults_of_wheels_and_gyros_where_there_are_any():
     law = FaultDistribution(probability=1.0, kinds=("loss", "wheel_stuck", "gimbal_lock"))
-    envs = gym.make_vec("thruster_envs/OrionRendezvous-v0", num_envs=64, spacecraft=EQUIPPED, faults=law)
+    envs = gym.make_vec("thruster_envs/OrionRendezvous-v1", num_envs=64, spacecraft=EQUIPPED, faults=law)
     _, infos = envs.reset(seed=1)
     kinds = infos["fault"]["kind"][:, 0]
     assert set(kinds) == {1 + KINDS.index(kind) for kind in law.kinds}
@@ -91,12 +91,12 @@ def test_distributions_draw_faults_of_wheels_and_gyros_where_there_are_any():
     assert (infos["fault"]["thruster"][stored, 0] == 1).all()  # it has one of each
     assert infos["fault"]["active"][:, 0].all()
     with pytest.raises(ValueError, match="kind 'wheel_stuck' has no meaning here"):
-        gym.make("thruster_envs/OrionRendezvous-v0", faults=law).reset(seed=1)
+        gym.make("thruster_envs/OrionRendezvous-v1", faults=law).reset(seed=1)
 
 
 def test_a_fault_of_a_wheel_stands_in_info_by_its_own_number():
     faults = [{"actuator": 1, "kind": "wheel_stuck", "onset": 2.0}]
-    env = gym.make("thruster_envs/OrionRendezvous-v0", spacecraft=EQUIPPED, faults=faults)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", spacecraft=EQUIPPED, faults=faults)
     _, info = env.reset(seed=3)
     assert (info["fault"]["thruster"][0], info["fault"]["active"][0]) == (1, False)
     _, _, _, _, info = env.step(-np.ones(14, np.float32))

@@ -1,4 +1,4 @@
-"""The law of an approach along the V-bar, from observations of `MarsRendezvous-v0` to open rates or a wrench.
+"""The law of an approach along the V-bar, from observations of `MarsRendezvous-v1` to open rates or a wrench.
 
 Modelled: a reference that comes along-track at a constant speed and brakes to the speed of contact with a
 limited deceleration; proportional-derivative laws for position and attitude with feed-forward of the
@@ -31,7 +31,7 @@ _FROM_LVLH = np.array([product(unit, np.array(FACING)) for unit in np.eye(4)])
 
 
 class ApproachController:
-    """Acts on observations of `MarsRendezvous-v0`, of one environment or of a batch; it remembers nothing.
+    """Acts on observations of `MarsRendezvous-v1`, of one environment or of a batch; it remembers nothing.
 
     Args:
         spacecraft: As the flight software believes it.
@@ -56,7 +56,7 @@ class ApproachController:
         spacecraft.circular_mean_motion("the approach controller")
         self.spacecraft, self.steps, self.distance = spacecraft, steps, distance
         self.navigation_delay = navigation_delay
-        self.reader = Reader.of("thruster_envs/MarsRendezvous-v0", spacecraft=spacecraft, distance=distance)
+        self.reader = Reader.of("thruster_envs/MarsRendezvous-v1", spacecraft=spacecraft, distance=distance)
         self.settings = ApproachSettings() if settings is None else settings
         self.inverse: FloatArray = np.asarray(np.linalg.pinv(spacecraft.wrenches()), np.float64)
         self._inertia = np.array(spacecraft.inertia)

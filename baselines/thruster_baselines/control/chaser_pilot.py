@@ -1,6 +1,6 @@
 """Flies the approach about Mars to capture or to a safe retreat, whatever one of its thrusters does.
 
-Acts on observations of `MarsRendezvous-v0` with `inhibit=True` alone, for a batch of chasers, by the law of
+Acts on observations of `MarsRendezvous-v1` with `inhibit=True` alone, for a batch of chasers, by the law of
 `ApproachController`. Each period has the same phases, one method each: begin it, carry out what is due,
 detect (and isolate, identify and recover), review, guard, steer, allocate and probe, act. What is known and
 believed of a vehicle is its `ChaserState`; how far its recovery has come, its `RecoveryPhase`.
@@ -54,7 +54,7 @@ class _Period(NamedTuple):
 
 
 class ChaserPilot:
-    """Approaches, diagnoses and recovers, from observations of `MarsRendezvous-v0` with `inhibit=True`.
+    """Approaches, diagnoses and recovers, from observations of `MarsRendezvous-v1` with `inhibit=True`.
 
     Args:
         spacecraft: As the flight software believes it: with isolation valves, and with or without a spare

@@ -51,7 +51,7 @@ _USUAL = DiagnosisSettings()
 
 
 class ClassicalPilot:
-    """Acts on observations of `OrionRendezvous-v0`, one after the other, and diagnoses what it flies.
+    """Acts on observations of `OrionRendezvous-v1`, one after the other, and diagnoses what it flies.
 
     The first observation of an episode (all of the time still to go) resets it.
 
@@ -77,7 +77,7 @@ class ClassicalPilot:
     >>> import gymnasium as gym
     >>> import thruster_envs
     >>> fault = {"thruster": 6, "kind": "stuck_off", "onset": 25.0}
-    >>> env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[fault])
+    >>> env = gym.make("thruster_envs/OrionRendezvous-v1", faults=[fault])
     >>> pilot = ClassicalPilot("orion", env.unwrapped.task.steps)
     >>> observation, _ = env.reset(seed=0)
     >>> for _ in range(10):

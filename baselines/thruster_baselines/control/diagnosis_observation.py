@@ -1,4 +1,4 @@
-"""A detector beside a policy: what it says is added to the observation of `MarsRendezvous-v0`.
+"""A detector beside a policy: what it says is added to the observation of `MarsRendezvous-v1`.
 
 The detector is fed from the observation alone: measurements as old as navigation is slow, and the commands
 that the valves were given. So a policy can learn what to do about a fault while a classical method
@@ -42,7 +42,7 @@ class _Watch:
         task: Any = getattr(env.unwrapped, "task", None)
         if not hasattr(task, "navigation_delay"):
             raise TypeError(
-                f"environment must be MarsRendezvous-v0, got {type(env.unwrapped).__name__}, which shows no "
+                f"environment must be MarsRendezvous-v1, got {type(env.unwrapped).__name__}, which shows no "
                 "navigation"
             )
         if task.navigation_delay == 0:
@@ -161,7 +161,7 @@ class _Watch:
 
 
 class DiagnosisObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """What a detector says is added to the observation of `MarsRendezvous-v0`.
+    """What a detector says is added to the observation of `MarsRendezvous-v1`.
 
     Behind the observation follow: the statistic in shares of its threshold (0..5), whether there has been an
     alarm (0 or 1), for each thruster whether it has been named (n, 0 or 1), and, of a detector that has one,
@@ -169,7 +169,7 @@ class DiagnosisObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
     the chaser goes over to its spare branch.
 
     Args:
-        env: A single `MarsRendezvous-v0`, or a mapper around it; `HoldAction` goes around this wrapper.
+        env: A single `MarsRendezvous-v1`, or a mapper around it; `HoldAction` goes around this wrapper.
         detector: For the same spacecraft and one vehicle.
 
     Raises:
@@ -216,7 +216,7 @@ class VectorDiagnosisObservation(VectorWrapper):
     To save a state, this has to be the outermost wrapper.
 
     Args:
-        env: A vector `MarsRendezvous-v0`, or a mapper around it.
+        env: A vector `MarsRendezvous-v1`, or a mapper around it.
         detector: For the same spacecraft, and as many vehicles as there are worlds.
 
     Raises:

@@ -8,7 +8,7 @@ thruster is one of at least two, and how much it delivers itself depends on how 
 fixed point, found in a few linear programs.
 
 Left out: closing `Spacecraft.isolation_valves` where there are some; whoever does, as the action of
-`MarsRendezvous-v0` with `inhibit=True` can, believes that thruster dead (share 0, not stuck on) from then on.
+`MarsRendezvous-v1` with `inhibit=True` can, believes that thruster dead (share 0, not stuck on) from then on.
 A valve stuck half open loads the feed here as a fully open one does.
 """
 

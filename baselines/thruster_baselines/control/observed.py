@@ -1,4 +1,4 @@
-"""What an observation of `OrionRendezvous-v0` says, and what of it can be believed.
+"""What an observation of `OrionRendezvous-v1` says, and what of it can be believed.
 
 Turns the entries back into measurements in SI units. Measurements do not always come as they should: an entry
 may be missing (no number), at the end of its range (clipped, so it says no more than "at least that"), or the
@@ -56,7 +56,7 @@ class ObservationReader:
 
     def __init__(self, spacecraft: Spacecraft, steps: int) -> None:
         self._spacecraft, self._steps = spacecraft, steps
-        self._fields = Reader.of("thruster_envs/OrionRendezvous-v0", spacecraft=spacecraft)
+        self._fields = Reader.of("thruster_envs/OrionRendezvous-v1", spacecraft=spacecraft)
         self.step = 0
         self.fault = ""
         self._last: FloatArray = np.full(13, np.nan)

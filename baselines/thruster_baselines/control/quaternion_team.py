@@ -1,4 +1,4 @@
-"""The classical team of `formation_attitude_v0`: every craft flies by the law of the source.
+"""The classical team of `formation_attitude_v1`: every craft flies by the law of the source.
 
 Models the quaternion error vector command law of Valdes 2008 (eqs. 3.20, 3.27): a torque against rate and
 error quaternion, a dead band, and one pulse about each axis where the torque lies outside of it. It acts on
@@ -24,7 +24,7 @@ __all__ = ["QuaternionTeam"]
 
 
 class QuaternionTeam:
-    """Actions of `formation_attitude_v0` or `FormationAttitude-v0` from its observations.
+    """Actions of `formation_attitude_v1` or `FormationAttitude-v1` from its observations.
 
     Args:
         spacecraft: What flies, as the flight software believes it to be.
@@ -67,7 +67,7 @@ class QuaternionTeam:
         self.rate_gain: FloatArray = gains.rate
         self.angle_gain: FloatArray = gains.angle
         self.threshold: FloatArray = gains.dead_band
-        self._read = Reader.of("thruster_envs/FormationAttitude-v0", spacecraft=spacecraft, action=action)
+        self._read = Reader.of("thruster_envs/FormationAttitude-v1", spacecraft=spacecraft, action=action)
 
     def torque(self, observations: ArrayLike) -> FloatArray:
         """(..., 3), N m: what the law asks for, dead band aside; observations are (..., k)."""

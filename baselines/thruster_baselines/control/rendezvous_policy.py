@@ -1,4 +1,4 @@
-"""The rendezvous controller as a policy: from an observation of `OrionRendezvous-v0` to an action.
+"""The rendezvous controller as a policy: from an observation of `OrionRendezvous-v1` to an action.
 
 `RendezvousPolicy` allocates by itself and acts on the
 environment; `RendezvousCommandPolicy` commands rate changes and acts on the environment within
@@ -18,11 +18,11 @@ from thruster_envs.protocols import FloatArray
 
 __all__ = ["RendezvousCommandPolicy", "RendezvousPolicy"]
 
-_ENVIRONMENT = "thruster_envs/OrionRendezvous-v0"
+_ENVIRONMENT = "thruster_envs/OrionRendezvous-v1"
 
 
 class RendezvousPolicy:
-    """Acts on observations of `OrionRendezvous-v0`, one after the other.
+    """Acts on observations of `OrionRendezvous-v1`, one after the other.
 
     The first observation of an episode (all of the time still to go) resets it.
 
@@ -41,7 +41,7 @@ class RendezvousPolicy:
 
 
 class RendezvousCommandPolicy:
-    """Acts on observations of `OrionRendezvous-v0` within `MapperAction`: commands, and lets others allocate.
+    """Acts on observations of `OrionRendezvous-v1` within `MapperAction`: commands, and lets others allocate.
 
     The first observation of an episode resets it.
 

@@ -1,4 +1,4 @@
-"""Approaches of `MarsRendezvous-v0` for navigation detectors: many side by side, with one fault each or none.
+"""Approaches of `MarsRendezvous-v1` for navigation detectors: many side by side, with one fault each or none.
 
 Nobody acts on a diagnosis. What is kept is what navigation measures at each sample and what the valves are
 commanded for the period that begins with it, both as observations have them: a sample is seen
@@ -69,7 +69,7 @@ def fly(
             thrusters=(thruster,),
         )  # fmt: skip
     envs: Any = gym.make_vec(
-        "thruster_envs/MarsRendezvous-v0", num_envs=count, vectorization_mode="vector_entry_point",
+        "thruster_envs/MarsRendezvous-v1", num_envs=count, vectorization_mode="vector_entry_point",
         faults=faults, **settings,
     )  # fmt: skip
     task, worlds = envs.unwrapped.task, envs.unwrapped.worlds

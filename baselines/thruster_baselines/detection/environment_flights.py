@@ -1,7 +1,7 @@
 """Flights of an environment, for the yardstick of detectors: a craft under a pilot, in all six axes.
 
 Where `RandomFlights` fires at random, here the commands are those of somebody who flies: of the scripted
-pilot of `FaultDiagnosis-v0`, of a policy, of a user's pilot. So the craft turns, is pulled by the orbit's
+pilot of `FaultDiagnosis-v1`, of a policy, of a user's pilot. So the craft turns, is pulled by the orbit's
 tide, has valve delays and shortest pulses, and a fault changes what is commanded after it. What a detector
 gets stands in the observation: the duties of the last period and the rate change that was measured in it.
 
@@ -115,7 +115,7 @@ class EnvironmentFlights:
     ((3, 20, 12), 5.0, ('stuck_off', 'stuck_off', 'stuck_off'))
     """
 
-    environment: str = "thruster_envs/FaultDiagnosis-v0"
+    environment: str = "thruster_envs/FaultDiagnosis-v1"
     arguments: Mapping[str, Any] = field(default_factory=dict)
     faults: FaultDistribution = field(
         default_factory=lambda: FaultDistribution(kinds=("stuck_off",), onset=(0.0, 300.0), onset_grid=5.0)

@@ -3,9 +3,9 @@
 `DetectorPlayer`: after the detector's first alarm the likeliest thruster and kind are declared, by sums over
 all periods of the log-likelihood ratio of each model (Yang 2003, section 5.3.1) that restart at zero (Page
 1954), until none is twenty times as likely as no fault. The prior of a kind is shared by its models. In
-`ActiveDiagnosis-v0` it fires the shortest test pulse of one thruster after the other.
+`ActiveDiagnosis-v1` it fires the shortest test pulse of one thruster after the other.
 
-`PlayerDetector`: what a policy for `FaultDiagnosis-v0` declares in recorded flights is an alarm. There is no
+`PlayerDetector`: what a policy for `FaultDiagnosis-v1` declares in recorded flights is an alarm. There is no
 threshold to sweep; one that alarms more often than stated gets a threshold that it never exceeds.
 
 Left out: several faulty thrusters, faults that heal, that a wrong name costs more than a late one.
@@ -35,7 +35,7 @@ __all__ = ["DetectorPlayer", "PlayerDetector"]
 
 
 class DetectorPlayer:
-    """Plays `FaultDiagnosis-v0` or `ActiveDiagnosis-v0` with a detector and a model comparison.
+    """Plays `FaultDiagnosis-v1` or `ActiveDiagnosis-v1` with a detector and a model comparison.
 
     It sees observations only. A world whose observation says that an episode begins is begun anew.
 
@@ -56,7 +56,7 @@ class DetectorPlayer:
     >>> import gymnasium as gym
     >>> import thruster_envs
     >>> env = gym.make_vec(
-    ...     "thruster_envs/FaultDiagnosis-v0",
+    ...     "thruster_envs/FaultDiagnosis-v1",
     ...     num_envs=3,
     ...     vectorization_mode="vector_entry_point",
     ...     faults=[{"thruster": 7, "kind": "stuck_off"}],
@@ -143,7 +143,7 @@ class DetectorPlayer:
 
 
 class PlayerDetector:
-    """A player of `FaultDiagnosis-v0` behind the `Detector` protocol.
+    """A player of `FaultDiagnosis-v1` behind the `Detector` protocol.
 
     What it declared last stands in the observation that it is shown, as in the environment.
 
@@ -243,7 +243,7 @@ _DECLARED = ("declared_thruster", "declared_mode")
 _LEAST_EVIDENCE = math.log(20.0)
 
 _THRESHOLD = 8.0
-"""Of the cumulative sums of Orion: what 500 healthy validation flights of `FaultDiagnosis-v0` show to be
+"""Of the cumulative sums of Orion: what 500 healthy validation flights of `FaultDiagnosis-v1` show to be
 exceeded in fewer than one of 10,000 periods. For other vehicles the same rate has a bound in closed form."""
 
 

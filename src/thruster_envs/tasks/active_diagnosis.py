@@ -26,7 +26,7 @@ from thruster_envs.tasks.fault_diagnosis import FLIGHT, DiagnosisState, FaultDia
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveDiagnosis(FaultDiagnosis):
-    """Configuration of ``ActiveDiagnosis-v0``, beyond that of :class:`FaultDiagnosis`.
+    """Configuration of ``ActiveDiagnosis-v1``, beyond that of :class:`FaultDiagnosis`.
 
     Attributes:
         test_duties: The test pulses that there are, as duties.
@@ -38,10 +38,12 @@ class ActiveDiagnosis(FaultDiagnosis):
     reach: float | None = 0.0
     test_duties: tuple[float, ...] = (0.1, 0.4)
     budget: float = 60.0
-    fuel_cost: float = 0.1
+    fuel_cost: float = 0.5
     soft_rate_limit: float = 0.1
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("delay", "false_alarm", "wrong_name", "fuel")
+    reward_terms: ClassVar[tuple[str, ...]] = (
+        "lost", "right", "delay", "false_alarm", "wrong_name", "fuel",
+    )  # fmt: skip
     max_episode_steps: ClassVar[int | None] = FLIGHT
 
     def __post_init__(self) -> None:
@@ -62,6 +64,10 @@ class ActiveDiagnosis(FaultDiagnosis):
     def further_fields(self) -> tuple[Field, ...]:
         """What is left of the budget."""
         return (Field("budget", "budget left", 1, "s", self.budget, reference="budget", lowest=0.0),)
+
+    def loss(self) -> float:
+        """What a loss costs beside the periods that are left: the most a flight can be worth or cost."""
+        return self.right_worth + self.worst_cost() + self.fuel_cost
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: tests may turn the craft."""

@@ -192,9 +192,11 @@ class EpisodeState(TaskState, Generic[Statistics]):
 class OneAgentState(EpisodeState[Statistics]):
     """Arrays of a batch of one agent, whose statistics hold what a step was worth and what ``info`` shows.
 
-    The terms of the reward stand before ``cost``; ``over``, ``open_time``, ``score`` and ``success`` are
-    among the others.
+    The terms of the reward stand first; ``cost``, ``over``, ``open_time``, ``score`` and ``success`` are among
+    the others.
     """
+
+    model: Any  # with `terms`, their number
 
     @cached_property
     def _agents(self) -> Any:
@@ -203,7 +205,7 @@ class OneAgentState(EpisodeState[Statistics]):
     @cached_property
     def outcome(self) -> Outcome:
         """Views of the statistics."""
-        terms = self.statistics[:, np.newaxis, : self.names._fields.index("cost")]
+        terms = self.statistics[:, np.newaxis, : self.model.terms]
         return Outcome(terms, self._agents.cost, self._agents.over[:, 0])
 
     @cached_property

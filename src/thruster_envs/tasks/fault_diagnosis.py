@@ -80,10 +80,13 @@ class Parameters(NamedTuple):
         range_limit: Distance from the slot at which the flight is lost, m.
         rate_limit: Body rate at which it is lost, rad/s.
         rate_soft_limit: Body rate from which on there is a cost, rad/s.
-        delay_cost: Of a control period in which a fault is not noticed.
+        right_worth: Of a control period in which the faulty thruster is declared.
+        delay_cost: Of one in which a fault is not noticed.
         false_alarm_cost: Of one in which a fault is declared that is not there.
         wrong_name_cost: Of one in which a healthy thruster is declared.
         wrong_mode_cost: Of one in which the thruster is right and the mode is not.
+        loss: What a loss costs; 0 where the agent has no part in the flight.
+        left_cost: Of a control period that is left at a loss.
     """
 
     period: float
@@ -92,17 +95,22 @@ class Parameters(NamedTuple):
     range_limit: float
     rate_limit: float
     rate_soft_limit: float
+    right_worth: float
     delay_cost: float
     false_alarm_cost: float
     wrong_name_cost: float
     wrong_mode_cost: float
+    loss: float
+    left_cost: float
 
 
 class Statistics(NamedTuple):
     """Episode statistics, (worlds,) each.
 
     Attributes:
-        delay: Term of the reward of the last step, and the next three likewise.
+        lost: Term of the reward of the last step, and the next five likewise.
+        right: Likewise.
+        delay: Likewise.
         false_alarm: Likewise.
         wrong_name: Likewise.
         fuel: Likewise, of test pulses.
@@ -121,6 +129,8 @@ class Statistics(NamedTuple):
         tested: Thruster-seconds of test pulses since the reset.
     """
 
+    lost: FloatArray
+    right: FloatArray
     delay: FloatArray
     false_alarm: FloatArray
     wrong_name: FloatArray
@@ -174,7 +184,7 @@ class DiagnosisState(EpisodeState[Statistics]):
 
 @dataclass(frozen=True, kw_only=True)
 class FaultDiagnosis(Task):
-    """Configuration of ``FaultDiagnosis-v0``.
+    """Configuration of ``FaultDiagnosis-v1``.
 
     ``faults`` None means the default distribution, an empty list no faults.
 
@@ -183,8 +193,9 @@ class FaultDiagnosis(Task):
         reach: Half-size of the cube about the origin in which slots are drawn, m; None for that from which
             the scripted pilot goes back to the origin with a third of the vehicle's authority.
         leg: Control periods from one slot change to the next.
-        delay_cost: What it costs not to notice a fault during a whole flight.
-        false_alarm_cost: What it costs to declare a fault that is not there during a whole flight.
+        right_worth: What it is worth to declare the faulty thruster in its mode during a whole flight.
+        delay_cost: What it costs not to notice a fault, likewise.
+        false_alarm_cost: What it costs to declare a fault that is not there, likewise.
         wrong_name_cost: What it costs to declare a sound thruster instead of the faulty one, likewise.
         wrong_mode_cost: What it costs to declare the faulty thruster in another mode, likewise.
         range_limit: Distance from the slot at which the flight is lost, m.
@@ -194,14 +205,15 @@ class FaultDiagnosis(Task):
     pilot: Any = None
     reach: float | None = None
     leg: int = 15
-    delay_cost: float = 1.0
-    false_alarm_cost: float = 2.0
-    wrong_name_cost: float = 1.5
-    wrong_mode_cost: float = 0.5
+    right_worth: float = 5.0
+    delay_cost: float = 2.5
+    false_alarm_cost: float = 5.0
+    wrong_name_cost: float = 4.0
+    wrong_mode_cost: float = 2.5
     range_limit: float = 500.0
     rate_limit: float = 1.0
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("delay", "false_alarm", "wrong_name")
+    reward_terms: ClassVar[tuple[str, ...]] = ("right", "delay", "false_alarm", "wrong_name")
     max_episode_steps: ClassVar[int | None] = FLIGHT
 
     def __post_init__(self) -> None:
@@ -212,7 +224,13 @@ class FaultDiagnosis(Task):
         check_positive(self, "range_limit", "rate_limit")
         reach = () if self.reach is None else ("reach",)
         check_not_negative(
-            self, *reach, "delay_cost", "false_alarm_cost", "wrong_name_cost", "wrong_mode_cost"
+            self,
+            *reach,
+            "right_worth",
+            "delay_cost",
+            "false_alarm_cost",
+            "wrong_name_cost",
+            "wrong_mode_cost",
         )
 
     @cached_property
@@ -279,11 +297,21 @@ class FaultDiagnosis(Task):
         reach = vehicle.authority()[:3].min() / (3.0 * pull) if self.reach is None else self.reach
         parameters = self.numbers(
             Parameters, reach=reach, rate_soft_limit=self.rate_soft_limit(),
-            delay_cost=self.delay_cost / FLIGHT, false_alarm_cost=self.false_alarm_cost / FLIGHT,
-            wrong_name_cost=self.wrong_name_cost / FLIGHT, wrong_mode_cost=self.wrong_mode_cost / FLIGHT,
+            right_worth=self.right_worth / FLIGHT, delay_cost=self.delay_cost / FLIGHT,
+            false_alarm_cost=self.false_alarm_cost / FLIGHT, wrong_name_cost=self.wrong_name_cost / FLIGHT,
+            wrong_mode_cost=self.wrong_mode_cost / FLIGHT, loss=self.loss(),
+            left_cost=self.worst_cost() / FLIGHT,
         )  # fmt: skip
         pilot = dataclasses.replace(SlotPilot.of(vehicle), frequencies=frequencies)
         return DiagnosisModel(numbers.authority, numbers.projection, parameters, pilot)
+
+    def loss(self) -> float:
+        """What a loss costs beside the periods that are left: the agent has no part in the flight."""
+        return 0.0
+
+    def worst_cost(self) -> float:
+        """The most that declarations can cost in a whole flight."""
+        return max(self.delay_cost, self.false_alarm_cost, self.wrong_name_cost, self.wrong_mode_cost)
 
     def rate_soft_limit(self) -> float:
         """Body rate from which on ``cost`` counts, rad/s: none, the agent has no part in the flight."""
@@ -343,7 +371,8 @@ class FaultDiagnosis(Task):
 
     def outcome(self, state: DiagnosisState) -> Outcome:
         """Terminates when the flight is lost."""
-        terms = state.statistics[:, np.newaxis, : len(self.reward_terms)]
+        first = Statistics._fields.index(self.reward_terms[0])
+        terms = state.statistics[:, np.newaxis, first : first + len(self.reward_terms)]
         return Outcome(terms, state.episode.cost[:, np.newaxis], state.episode.over)
 
     def truth(self, state: DiagnosisState) -> Truth:
@@ -490,6 +519,7 @@ def _evaluate_declaration(
             if health.is_between(fault, time) and health.thruster_of(fault) + 1 == thruster:
                 isolated = True
                 identified |= mode == mode_number(int(fault[code.FIELD_KIND]), fault[code.FIELD_SEVERITY])
+        episode.right[world], episode.lost[world] = 0.0, 0.0
         episode.delay[world], episode.false_alarm[world], episode.wrong_name[world] = 0.0, 0.0, 0.0
         episode.fuel[world], episode.cost[world] = 0.0, 0.0
         episode.under_fault[world] = 1.0 if oldest >= 0 else 0.0
@@ -509,6 +539,7 @@ def _evaluate_declaration(
                 episode.wrong_name[world] = -parameters.wrong_name_cost
             elif not identified:
                 episode.wrong_name[world] = -parameters.wrong_mode_cost
+            episode.right[world] = parameters.right_worth if isolated else 0.0
             episode.credit[world] += _credit(episode, world)
         else:
             episode.healthy_steps[world] += 1.0
@@ -521,7 +552,7 @@ def _evaluate_declaration(
 
 @kernel(nogil=True)
 def _evaluate_flight(data, streams, numbers, slots, declared, statistics, first, last):
-    """Look where the period has led; a lost flight is charged as if its last declaration stood to the end."""
+    """Look where the period has led; a lost flight is scored as if its last declaration stood to the end."""
     parameters, episode = open_parameters(numbers), open_statistics(statistics)
     for world in range(first, last):
         b, w = place(world, 0, 1, data.shape[2])
@@ -536,8 +567,11 @@ def _evaluate_flight(data, streams, numbers, slots, declared, statistics, first,
         lost = not (near and data[b, at.LOST, w] == 0.0)
         if lost and episode.over[world] == 0.0:
             left = max(0.0, FLIGHT - data[b, at.STEP, w])
-            for term in (episode.delay, episode.false_alarm, episode.wrong_name):
-                term[world] *= 1.0 + left
+            if parameters.loss > 0.0:
+                episode.lost[world] = -parameters.loss - parameters.left_cost * left
+            else:
+                for term in (episode.delay, episode.false_alarm, episode.wrong_name):
+                    term[world] *= 1.0 + left
             if episode.under_fault[world] > 0.0:
                 episode.faulty_steps[world] += left
                 episode.credit[world] += left * _credit(episode, world)

@@ -62,6 +62,8 @@ _FINE, _RATE = 0.05, 1e-3
 #: Error at which the fine half of the pointing term is half its worst, rad, and least error that gains are
 #: counted from, rad. The coarse half grows with the error, so that a turn pays from its first degree.
 _HALF, _LEAST = 0.05, 0.1
+#: Control periods of an episode, and what one at the target is worth.
+_STEPS, _POINTED = 3000, 7.0 / 3000
 #: Pulses that a thruster can be owed at most, and what counts as a whole one, rounding forgiven.
 _MOST_OWED, _WHOLE = 2.0, 1.0 - 1e-9
 
@@ -77,6 +79,8 @@ class Parameters(NamedTuple):
         rate_limit: Body rate at which a craft is lost, rad/s.
         balance_price: Of having used twice the formation's mean or more.
         pulse_price: Of a pulse on each axis.
+        loss: What a loss costs.
+        former: 1 for the reward of v0.
         roll: rad.
         pitch: rad.
         yaw: rad.
@@ -92,6 +96,8 @@ class Parameters(NamedTuple):
     rate_limit: float
     balance_price: float
     pulse_price: float
+    loss: float
+    former: float
     roll: float
     pitch: float
     yaw: float
@@ -104,9 +110,10 @@ class Statistics(NamedTuple):
     """Episode statistics, (worlds, craft) each.
 
     Attributes:
-        pointing: Term of the reward of the last step, and the next two likewise.
+        pointing: Term of the reward of the last step, and the next three likewise.
         balance: Likewise.
         pulses: Likewise.
+        lost: Likewise.
         cost: Of the last step.
         angle: Error now, rad.
         first_angle: Error when the target was set, rad.
@@ -120,6 +127,7 @@ class Statistics(NamedTuple):
     pointing: FloatArray
     balance: FloatArray
     pulses: FloatArray
+    lost: FloatArray
     cost: FloatArray
     angle: FloatArray
     first_angle: FloatArray
@@ -159,7 +167,7 @@ class FormationAttitudeState(EpisodeState[Statistics]):
 
 @dataclass(frozen=True, kw_only=True)
 class FormationAttitude(Task):
-    """Configuration of ``formation_attitude_v0``.
+    """Configuration of ``formation_attitude_v1``.
 
     Attributes:
         craft: Number of craft, 2 to 16, the leader among them.
@@ -178,8 +186,8 @@ class FormationAttitude(Task):
             adds some; see :data:`thruster_envs.physics.pulsed_craft.REPORTED_FAULT_BIAS`.
         rate_soft_limit: Body rate above which ``cost`` counts, rad/s.
         rate_limit: Body rate at which a craft is lost, rad/s.
-        balance_price: What it costs to have used twice the formation's mean or more, per step; an error of
-            1 rad costs about 1.
+        balance_price: What it costs to have used twice the formation's mean or more, in units of what a
+            period at the target is worth.
         pulse_price: What a pulse on each axis costs, likewise.
     """
 
@@ -197,12 +205,13 @@ class FormationAttitude(Task):
     fault_bias: tuple[float, float] = (0.0, 0.0)
     rate_soft_limit: float = 0.01
     rate_limit: float = 0.05
-    balance_price: float = 0.05
-    pulse_price: float = 0.1
+    balance_price: float = 0.02
+    pulse_price: float = 0.03
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("pointing", "balance", "pulses")
+    reward_terms: ClassVar[tuple[str, ...]] = ("pointing", "balance", "pulses", "lost")
+    former_reward: ClassVar[bool] = False
     translates: ClassVar[bool] = False
-    max_episode_steps: ClassVar[int | None] = 3000
+    max_episode_steps: ClassVar[int | None] = _STEPS
     one_agent: ClassVar[dict[str, Any]] = {"command_leader": False, "commanded": 1}
 
     def __post_init__(self) -> None:
@@ -294,6 +303,11 @@ class FormationAttitude(Task):
             Field("true_impulse_unasked", "true impulse of each thruster unasked", n, bound=2.0, **impulse),
         )
 
+    @property
+    def most_worth(self) -> float:
+        """The most that an episode can be worth to an agent, which is what a loss costs."""
+        return _STEPS * _POINTED * (1.0 + self.balance_price + self.pulse_price)
+
     def create(self, worlds: int, threads: int | None) -> FormationAttitudeState:
         """Arrays for that many worlds."""
         vehicle, craft = self.vehicle, self.craft
@@ -314,6 +328,8 @@ class FormationAttitude(Task):
             rate_limit=self.rate_limit,
             balance_price=self.balance_price,
             pulse_price=self.pulse_price,
+            loss=self.most_worth,
+            former=float(self.former_reward),
             roll=roll,
             pitch=pitch,
             yaw=yaw,
@@ -595,9 +611,16 @@ def _evaluate_step(data, streams, numbers, targets, statistics, over, start, sto
             used = data[b, at.OPEN_TIME, w]
             excess = min(max(used / mean - 1.0, 0.0), 1.0) if mean > 0.0 else 0.0
             angle, spent = episode.angle[world, c], used - episode.open_time[world, c]
-            episode.pointing[world, c] = -0.5 * (angle + angle / (angle + _HALF))
-            episode.balance[world, c] = -parameters.balance_price * excess
-            episode.pulses[world, c] = -parameters.pulse_price * spent / (3.0 * parameters.firing_time)
+            share = spent / (3.0 * parameters.firing_time)
+            if parameters.former > 0.0:
+                episode.pointing[world, c] = -0.5 * (angle + angle / (angle + _HALF))
+                episode.balance[world, c] = -parameters.balance_price * excess
+                episode.pulses[world, c] = -parameters.pulse_price * spent / (3.0 * parameters.firing_time)
+            else:
+                error = 0.5 * (angle / math.pi + angle / (angle + _HALF))
+                episode.pointing[world, c] = _POINTED * (1.0 - error)
+                episode.balance[world, c] = _POINTED * parameters.balance_price * (1.0 - excess)
+                episode.pulses[world, c] = _POINTED * parameters.pulse_price * (1.0 - min(share, 1.0))
             episode.open_time[world, c] = used
             spin = math.sqrt(
                 data[b, at.RATE, w] ** 2 + data[b, at.RATE + 1, w] ** 2 + data[b, at.RATE + 2, w] ** 2
@@ -605,6 +628,8 @@ def _evaluate_step(data, streams, numbers, targets, statistics, over, start, sto
             episode.cost[world, c] = max(0.0, spin / parameters.rate_soft_limit - 1.0)
             if not (data[b, at.LOST, w] == 0.0 and spin <= parameters.rate_limit):
                 over[world] = 1.0
+        for c in range(craft):
+            episode.lost[world, c] = -parameters.loss if over[world] > 0.0 else 0.0
         b, w = place(world, 0, craft, lanes)
         if parameters.interval > 0.0 and data[b, at.STEP, w] % parameters.interval == 0.0:
             number = int(data[b, at.STEP, w] / parameters.interval)

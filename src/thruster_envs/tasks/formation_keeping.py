@@ -54,6 +54,10 @@ _BOUND = 5.0
 _POSITION, _VELOCITY, _ANGLE, _RATE, _BETWEEN = 10.0, 0.05, 0.5, 0.05, 100.0
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
 _DISPERSION = (1.5, 0.005, math.radians(5.0), 1e-3)
+#: Control periods of an episode, and what one in the middle of the slot is worth.
+_STEPS, _KEPT = 120, 5.0 / 120
+#: Worth of being aligned with LVLH, in units of that of the slot, and the angle that halves it, rad.
+_ALIGNED, _HALF_ANGLE = 0.5, 0.1
 
 
 class Parameters(NamedTuple):
@@ -68,6 +72,9 @@ class Parameters(NamedTuple):
         range_limit: Distance from the slot at which the episode ends as a failure, m.
         rate_limit: Body rate at which it does, rad/s.
         fuel_price: Of a thruster-second.
+        economy: Worth of a period with all valves shut.
+        loss: What a loss costs.
+        former: 1 for the reward of v0.
     """
 
     period: float
@@ -78,15 +85,19 @@ class Parameters(NamedTuple):
     range_limit: float
     rate_limit: float
     fuel_price: float
+    economy: float
+    loss: float
+    former: float
 
 
 class Statistics(NamedTuple):
     """Episode statistics, (worlds, craft) each.
 
     Attributes:
-        tracking: Term of the reward of the last step, and the next two likewise.
+        tracking: Term of the reward of the last step, and the next three likewise.
         attitude: Likewise.
         fuel: Likewise.
+        lost: Likewise.
         cost: Of the last step.
         open_time: Thruster-seconds since the reset.
         kept: Steps after which the craft was in its slot.
@@ -96,6 +107,7 @@ class Statistics(NamedTuple):
     tracking: FloatArray
     attitude: FloatArray
     fuel: FloatArray
+    lost: FloatArray
     cost: FloatArray
     open_time: FloatArray
     kept: FloatArray
@@ -133,7 +145,7 @@ class FormationState(EpisodeState[Statistics]):
 
 @dataclass(frozen=True, kw_only=True)
 class FormationKeeping(Task):
-    """Configuration of ``formation_keeping_v0``.
+    """Configuration of ``formation_keeping_v1``.
 
     Attributes:
         craft: Number of craft, 2 to 8.
@@ -144,8 +156,8 @@ class FormationKeeping(Task):
         keep_out: Distance between two craft below which ``cost`` counts, m.
         range_limit: Distance from the slot at which the episode ends as a failure, m.
         rate_limit: Body rate at which it does, rad/s.
-        fuel_price: Worth of all thrusters of one craft open for a whole period, in units of the largest
-            tracking penalty.
+        fuel_price: Worth of all thrusters of one craft open for a whole period, in units of what keeping
+            the slot is worth.
     """
 
     craft: int = 3
@@ -155,10 +167,11 @@ class FormationKeeping(Task):
     keep_out: float = 10.0
     range_limit: float = 100.0
     rate_limit: float = 1.0
-    fuel_price: float = 1.0
+    fuel_price: float = 0.5
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel")
-    max_episode_steps: ClassVar[int | None] = 120
+    reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "attitude", "fuel", "lost")
+    former_reward: ClassVar[bool] = False
+    max_episode_steps: ClassVar[int | None] = _STEPS
     one_agent: ClassVar[dict[str, Any]] = {"commanded": 1}
     takes_storage: ClassVar[bool] = True
 
@@ -205,11 +218,18 @@ class FormationKeeping(Task):
             *self.oracle_fields(),
         )
 
+    @property
+    def most_worth(self) -> float:
+        """The most that an episode can be worth to an agent, which is what a loss costs."""
+        return _STEPS * _KEPT * (1.0 + _ALIGNED + self.fuel_price)
+
     def create(self, worlds: int, threads: int | None) -> FormationState:
         """Arrays for that many worlds."""
         vehicle = self.vehicle
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
-        parameters = self.numbers(Parameters, fuel_price=price)
+        parameters = self.numbers(
+            Parameters, fuel_price=price, economy=self.fuel_price, loss=self.most_worth, former=self.former_reward
+        )
         return FormationState(
             self.make_fleet(worlds, threads),
             np.zeros((worlds, self.craft, len(Statistics._fields))),
@@ -359,9 +379,16 @@ def _evaluate_step(data, numbers, ellipses, phase, slots, statistics, over):
                     for k in range(3):
                         distance += (data[b, at.POSITION + k, w] - data[b2, at.POSITION + k, w2]) ** 2
                     nearest = min(nearest, math.sqrt(distance))
-            episode.tracking[world, c] = -min(away / _POSITION, 1.0)
-            episode.attitude[world, c] = -0.5 * min(tilt, 1.0)
-            episode.fuel[world, c] = -parameters.fuel_price * bill
+            if parameters.former > 0.0:
+                episode.tracking[world, c] = -min(away / _POSITION, 1.0)
+                episode.attitude[world, c] = -0.5 * min(tilt, 1.0)
+                episode.fuel[world, c] = -parameters.fuel_price * bill
+            else:
+                kept = parameters.slot_tolerance / (parameters.slot_tolerance + away)
+                saved = max(parameters.economy - parameters.fuel_price * bill, 0.0)
+                episode.tracking[world, c] = _KEPT * kept
+                episode.attitude[world, c] = _KEPT * _ALIGNED * _HALF_ANGLE / (_HALF_ANGLE + tilt)
+                episode.fuel[world, c] = _KEPT * saved
             episode.cost[world, c] = max(0.0, 1.0 - nearest / parameters.keep_out)
             episode.collisions[world, c] += episode.cost[world, c]
             episode.open_time[world, c] = data[b, at.OPEN_TIME, w]
@@ -369,6 +396,8 @@ def _evaluate_step(data, numbers, ellipses, phase, slots, statistics, over):
             followed = data[b, at.LOST, w] == 0.0
             if not (followed and away <= parameters.range_limit and spinning <= parameters.rate_limit):
                 over[world] = 1.0
+        for c in range(craft):
+            episode.lost[world, c] = -parameters.loss if over[world] > 0.0 else 0.0
 
 
 @kernel

@@ -63,9 +63,16 @@ _NEAR, _VELOCITY, _ANGLE, _RATE = 1.0, 0.1, 0.1, 0.02
 _DISPERSION = (0.1, 0.002, math.radians(1.0), math.radians(0.02))
 #: Gains of the filter of position and velocity.
 _ALPHA, _BETA = 0.3, 0.05
-#: What the worst an episode can do costs in shares of a capture: out of the corridor, badly pointed, thirsty.
+#: What the worst an episode can do costs: off the V-bar, badly pointed, all valves open.
+_CORRIDOR, _ATTITUDE, _FUEL = 2.0, 1.0, 0.2
+#: Lateral offset, m, angle, rad, and rate, rad/s, at which the first two cost half of their worst.
+_HALF_OFFSET, _HALF_ANGLE, _HALF_RATE = 0.25, math.radians(3.0), math.radians(0.5)
+#: Worth of the way from the start to the target, of a capture, and of a loss.
+_PROGRESS, _CAPTURE, _LOSS = 4.0, 4.0, 4.0
+#: Multiple of its tolerance from which on a miss is as bad as a loss.
+_WORST_MISS = 5.0
+#: Of the reward of v0: prices, and lateral offset, m, and angle, rad, from which on they grow no more.
 _CORRIDOR_PRICE, _ATTITUDE_PRICE, _FUEL_PRICE = 1.0, 0.5, 0.25
-#: Lateral offset, m, and angle, rad, from which on these two cost no more.
 _OFFSET_SCALE, _ANGLE_SCALE = 1.0, math.radians(10.0)
 #: How much farther off than its start is a retreat; how near to the target it is lost off the corridor; m.
 _RETREAT, _KEEP_OUT = 10.0, 2.0
@@ -98,6 +105,8 @@ class Parameters(NamedTuple):
         nominal: Duration of a nominal approach, s.
         speed: At the start, m/s.
         delay: Age of what is observed, control periods.
+        all_open: Thruster-seconds of a period in which all valves are open.
+        former: 1 for the reward of v0.
     """
 
     period: float
@@ -114,6 +123,8 @@ class Parameters(NamedTuple):
     nominal: float
     speed: float
     delay: float
+    all_open: float
+    former: float
 
 
 class Dispersion(NamedTuple):
@@ -136,11 +147,12 @@ class Statistics(NamedTuple):
     """Episode statistics, (worlds,) each.
 
     Attributes:
-        corridor: Term of the reward of the last step, and the next four likewise.
+        corridor: Term of the reward of the last step, and the next five likewise.
         attitude: Likewise.
         fuel: Likewise.
         progress: Likewise.
         capture: Likewise.
+        lost: Likewise.
         cost: Of the last step.
         potential: Of the reward's progress.
         open_time: Thruster-seconds since the reset.
@@ -155,6 +167,7 @@ class Statistics(NamedTuple):
     fuel: FloatArray
     progress: FloatArray
     capture: FloatArray
+    lost: FloatArray
     cost: FloatArray
     potential: FloatArray
     open_time: FloatArray
@@ -179,6 +192,7 @@ class ApproachModel:
         disturbances: (5,), as :class:`~thruster_envs.physics.disturbances.Disturbances` gives them.
         dispersion: As :class:`Dispersion` names them.
         arms: (n, 3), where each thruster stands, m.
+        terms: Number of terms of the reward.
     """
 
     authority: FloatArray
@@ -187,6 +201,7 @@ class ApproachModel:
     disturbances: FloatArray
     dispersion: FloatArray
     arms: FloatArray
+    terms: int
 
 
 @dataclass
@@ -203,7 +218,7 @@ class ApproachState(OneAgentState[Statistics]):
 
 @dataclass(frozen=True, kw_only=True)
 class MarsRendezvous(Task):
-    """Configuration of ``MarsRendezvous-v0``.
+    """Configuration of ``MarsRendezvous-v1``.
 
     Attributes:
         distance: Behind the target at the start, m.
@@ -239,7 +254,10 @@ class MarsRendezvous(Task):
     rate_tolerance: float = math.radians(0.5)
     rate_limit: float = 0.2
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("corridor", "attitude", "fuel", "progress", "capture")
+    reward_terms: ClassVar[tuple[str, ...]] = (
+        "corridor", "attitude", "fuel", "progress", "capture", "lost",
+    )  # fmt: skip
+    former_reward: ClassVar[bool] = False
     max_episode_steps: ClassVar[int | None] = None
     takes_storage: ClassVar[bool] = True
 
@@ -336,6 +354,7 @@ class MarsRendezvous(Task):
         parameters = self.numbers(
             Parameters, reference=0.1 * vehicle.number_of_thrusters * nominal, nominal=nominal,
             speed=self._speed, delay=self.navigation_delay,
+            all_open=vehicle.number_of_thrusters * vehicle.control_period, former=self.former_reward,
         )  # fmt: skip
         dispersion = Dispersion(
             self.mass_error, self.inertia_error, self.thrust_error, self.centre_of_mass_error
@@ -344,7 +363,7 @@ class MarsRendezvous(Task):
         return ApproachModel(
             axis_scale(vehicle), parameters, self._pilot,
             numbers if self.disturbances else np.zeros_like(numbers), np.array(dispersion),
-            np.array([thruster.position for thruster in vehicle.thrusters]),
+            np.array([thruster.position for thruster in vehicle.thrusters]), len(self.reward_terms),
         )  # fmt: skip
 
     def reset(self, state: ApproachState, which: NDArray[np.int64]) -> None:
@@ -588,21 +607,46 @@ def _evaluate_step(data, numbers, sights, estimate, statistics, first, last):
             end = _RETREATED
         elif data[b, at.STEP, w] >= parameters.steps:
             end = _TIMED_OUT
-        share = parameters.period / parameters.nominal
         potential = -distance / parameters.distance
         fired = data[b, at.OPEN_TIME, w] - episode.open_time[world]
-        episode.corridor[world] = -_CORRIDOR_PRICE * share * min(offset / _OFFSET_SCALE, 1.0)
-        episode.attitude[world] = -_ATTITUDE_PRICE * share * min(angle / _ANGLE_SCALE, 1.0)
-        episode.fuel[world] = -_FUEL_PRICE * fired / parameters.reference
-        episode.progress[world] = potential - episode.potential[world]
-        episode.capture[world] = 1.0 if end == _CAPTURED else (-1.0 if end >= _MISSED else 0.0)
+        economy = min(1.0, parameters.reference / max(data[b, at.OPEN_TIME, w], 1e-9))
+        if parameters.former > 0.0:
+            share = parameters.period / parameters.nominal
+            episode.corridor[world] = -_CORRIDOR_PRICE * share * min(offset / _OFFSET_SCALE, 1.0)
+            episode.attitude[world] = -_ATTITUDE_PRICE * share * min(angle / _ANGLE_SCALE, 1.0)
+            episode.fuel[world] = -_FUEL_PRICE * fired / parameters.reference
+            episode.progress[world] = potential - episode.potential[world]
+            episode.capture[world] = 1.0 if end == _CAPTURED else (-1.0 if end >= _MISSED else 0.0)
+        else:
+            off, tilted = offset / (offset + _HALF_OFFSET), angle / (angle + _HALF_ANGLE)
+            turning = spin / (spin + _HALF_RATE)
+            if end >= _MISSED:
+                potential, off, tilted, turning = -1.0 - _RETREAT / parameters.distance, 1.0, 1.0, 1.0
+            badness = 1.0
+            if end == _MISSED:
+                badness = 0.2 * (
+                    _excess(offset, parameters.offset_tolerance)
+                    + _excess(abs(v[1]), parameters.closing_tolerance)
+                    + _excess(across, parameters.lateral_tolerance)
+                    + _excess(angle, parameters.attitude_tolerance)
+                    + _excess(spin, parameters.rate_tolerance)
+                )
+            left = max(parameters.steps - data[b, at.STEP, w], 0.0) / parameters.steps
+            cut_short = end != _RUNNING and end != _CAPTURED
+            episode.corridor[world] = -_CORRIDOR * off / parameters.steps
+            episode.attitude[world] = -0.5 * _ATTITUDE * (tilted + turning) / parameters.steps
+            episode.fuel[world] = -_FUEL * min(fired / parameters.all_open, 1.0) / parameters.steps
+            episode.progress[world] = _PROGRESS * (potential - episode.potential[world])
+            episode.capture[world] = _CAPTURE * (0.5 + 0.5 * economy) if end == _CAPTURED else 0.0
+            episode.lost[world] = -(_CORRIDOR + _ATTITUDE + _FUEL) * left if cut_short else 0.0
+            if end >= _MISSED:
+                episode.lost[world] -= _LOSS * (0.5 + 0.5 * badness)
         episode.cost[world] = max(0.0, offset / free - 1.0) if distance <= parameters.distance else 0.0
         episode.potential[world] = potential
         episode.open_time[world] = data[b, at.OPEN_TIME, w]
         episode.end[world] = end
         episode.over[world] = 1.0 if end > _RUNNING else 0.0
         episode.success[world] = 1.0 if end == _CAPTURED else 0.0
-        economy = min(1.0, parameters.reference / max(data[b, at.OPEN_TIME, w], 1e-9))
         score = 0.25 * max(0.0, 1.0 + potential)
         if end == _CAPTURED:
             score = 0.5 + 0.5 * economy
@@ -611,6 +655,12 @@ def _evaluate_step(data, numbers, sights, estimate, statistics, first, last):
         elif end >= _MISSED:
             score = 0.0
         episode.score[world] = score
+
+
+@njit(forceinline=True)
+def _excess(value, tolerance):
+    """How far beyond its tolerance a miss is: 0 within it, 1 at ``_WORST_MISS`` times of it and beyond."""
+    return min(max(value / tolerance - 1.0, 0.0) / (_WORST_MISS - 1.0), 1.0)
 
 
 @njit

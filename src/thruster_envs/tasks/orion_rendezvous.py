@@ -49,6 +49,8 @@ _BOUND = 5.0
 _POSITION, _VELOCITY, _ANGLE, _RATE = 300.0, 0.5, 0.5, 0.05
 #: Half-widths of the dispersion at the start: m, m/s, rad, rad/s.
 _DISPERSION = (5.0, 0.005, math.radians(5.0), 1e-3)
+#: Worth of the whole way of the potential, of an arrival, of all valves open all the time, and of a loss.
+_PROGRESS, _ARRIVAL, _FUEL, _LOSS = 5.0, 5.0, 2.0, 5.0
 
 
 class Parameters(NamedTuple):
@@ -69,6 +71,8 @@ class Parameters(NamedTuple):
         rate_limit: Body rate at which it does, rad/s.
         rate_soft_limit: Body rate from which on there is a cost, rad/s.
         distance: To the target at the start, m.
+        all_open: Thruster-seconds of a period in which all valves are open.
+        former: 1 for the reward of v0.
     """
 
     period: float
@@ -85,15 +89,18 @@ class Parameters(NamedTuple):
     rate_limit: float
     rate_soft_limit: float
     distance: float
+    all_open: float
+    former: float
 
 
 class Statistics(NamedTuple):
     """Episode statistics, (worlds,) each.
 
     Attributes:
-        fuel: Term of the reward of the last step, and the next two likewise.
+        fuel: Term of the reward of the last step, and the next three likewise.
         progress: Likewise.
         arrival: Likewise.
+        lost: Likewise.
         cost: Of the last step.
         over: 1 where the episode has come to its end.
         score: 0..1.
@@ -105,6 +112,7 @@ class Statistics(NamedTuple):
     fuel: FloatArray
     progress: FloatArray
     arrival: FloatArray
+    lost: FloatArray
     cost: FloatArray
     over: FloatArray
     score: FloatArray
@@ -123,10 +131,12 @@ class RendezvousModel:
     Attributes:
         authority: (6,), m/s and rad/s per period, infinite where there is none.
         parameters: As :class:`Parameters` names them.
+        terms: Number of terms of the reward.
     """
 
     authority: FloatArray
     parameters: FloatArray
+    terms: int
 
 
 @dataclass
@@ -139,7 +149,7 @@ class RendezvousState(OneAgentState[Statistics]):
 
 @dataclass(frozen=True, kw_only=True)
 class OrionRendezvous(Task):
-    """Configuration of ``OrionRendezvous-v0``.
+    """Configuration of ``OrionRendezvous-v1``.
 
     Attributes:
         start: Relative position at the start, m, LVLH.
@@ -163,7 +173,8 @@ class OrionRendezvous(Task):
     rate_soft_limit: float = 0.1
     orbits: float = 0.5
 
-    reward_terms: ClassVar[tuple[str, ...]] = ("fuel", "progress", "arrival")
+    reward_terms: ClassVar[tuple[str, ...]] = ("fuel", "progress", "arrival", "lost")
+    former_reward: ClassVar[bool] = False
     max_episode_steps: ClassVar[int | None] = None
     takes_storage: ClassVar[bool] = True
 
@@ -216,8 +227,9 @@ class OrionRendezvous(Task):
         parameters = self.numbers(
             Parameters, acceleration=thrust / vehicle.mass, lever=lever, reference=reference,
             distance=math.hypot(*self.start),
+            all_open=vehicle.number_of_thrusters * vehicle.control_period, former=self.former_reward,
         )  # fmt: skip
-        return RendezvousModel(axis_scale(vehicle), parameters)
+        return RendezvousModel(axis_scale(vehicle), parameters, len(self.reward_terms))
 
     def reset(self, state: RendezvousState, which: NDArray[np.int64]) -> None:
         """Start near ``start``, nearly at rest in LVLH and nearly aligned with it."""
@@ -275,13 +287,19 @@ def _delta_v(r, v, time_to_go, n, ellipses, world):
 
 
 @njit
-def _potential(r, v, angle, rate, time_to_go, parameters, ellipses, world):
-    """Minus what is still to be paid over what the mission costs; attitude errors at their worth in m/s."""
+def _to_pay(r, v, angle, rate, time_to_go, parameters, ellipses, world):
+    """What is still to be paid over what the mission costs; attitude errors at their worth in m/s."""
     translation = _delta_v(r, v, time_to_go, parameters.mean_motion, ellipses, world)
     attitude = 0.0
     for k in range(3):
         attitude += abs(rate[k]) + abs(angle[k]) / _SLEW_TIME
-    return -(translation + parameters.lever * attitude) / parameters.reference
+    return (translation + parameters.lever * attitude) / parameters.reference
+
+
+@njit
+def _potential(to_pay, former):
+    """Of the progress: from 0, nothing to pay, down to -1; of v0, down without bound."""
+    return -to_pay if former else -to_pay / (1.0 + to_pay)
 
 
 #: Seconds in which an attitude error is taken to be turned away, in the potential.
@@ -315,7 +333,8 @@ def _start(data, streams, which, start, numbers, ellipses, statistics):
         statistics[world] = 0.0
         r, v, angle, rate = _true_errors(data, b, w)
         duration = parameters.steps * parameters.period
-        episode.potential[world] = _potential(r, v, angle, rate, duration, parameters, ellipses, world)
+        to_pay = _to_pay(r, v, angle, rate, duration, parameters, ellipses, world)
+        episode.potential[world] = _potential(to_pay, parameters.former > 0.0)
 
 
 @kernel(nogil=True)
@@ -328,7 +347,8 @@ def _evaluate_step(data, numbers, ellipses, statistics, first, last):
         r, v, angle, rate = _true_errors(data, b, w)
         to_go = parameters.steps - data[b, at.STEP, w]
         time_to_go = to_go * parameters.period
-        potential = _potential(r, v, angle, rate, time_to_go, parameters, ellipses, world)
+        to_pay = _to_pay(r, v, angle, rate, time_to_go, parameters, ellipses, world)
+        potential = _potential(to_pay, parameters.former > 0.0)
         fired = data[b, at.OPEN_TIME, w] - episode.open_time[world]
         distance, spin = _length(r), _length(rate)
         followed = data[b, at.LOST, w] == 0.0
@@ -340,15 +360,24 @@ def _evaluate_step(data, numbers, ellipses, statistics, first, last):
             and _length(angle) <= parameters.attitude_tolerance
             and spin <= parameters.rate_tolerance
         )
-        episode.fuel[world] = -fired * parameters.acceleration / parameters.reference
-        episode.progress[world] = potential - episode.potential[world]
-        episode.arrival[world] = -1.0 if lost else (1.0 if inside and to_go <= 0.0 else 0.0)
+        spent = data[b, at.OPEN_TIME, w] * parameters.acceleration
+        economy = min(1.0, parameters.reference / spent) if spent > 0.0 else 1.0
+        arrived = inside and to_go <= 0.0
+        if parameters.former > 0.0:
+            episode.fuel[world] = -fired * parameters.acceleration / parameters.reference
+            episode.progress[world] = potential - episode.potential[world]
+            episode.arrival[world] = -1.0 if lost else (1.0 if arrived else 0.0)
+        else:
+            potential = -1.0 if lost else potential
+            episode.fuel[world] = -_FUEL * min(fired / parameters.all_open, 1.0) / parameters.steps
+            episode.progress[world] = _PROGRESS * (potential - episode.potential[world])
+            episode.arrival[world] = _ARRIVAL * (0.5 + 0.5 * economy) if arrived and not lost else 0.0
+            left = max(to_go, 0.0) / parameters.steps
+            episode.lost[world] = -_LOSS - _FUEL * left if lost else 0.0
         episode.cost[world] = max(0.0, spin / parameters.rate_soft_limit - 1.0)
         episode.over[world] = 1.0 if lost or to_go <= 0.0 else 0.0
         episode.open_time[world] = data[b, at.OPEN_TIME, w]
         episode.potential[world] = potential
-        spent = data[b, at.OPEN_TIME, w] * parameters.acceleration
-        economy = min(1.0, parameters.reference / spent) if spent > 0.0 else 1.0
         gained = max(0.0, 1.0 - distance / parameters.distance) if parameters.distance > 0.0 else 0.0
         episode.score[world] = 0.5 + 0.5 * economy if inside else (0.0 if lost else 0.5 * gained)
         episode.success[world] = 1.0 if inside else 0.0

@@ -3,7 +3,7 @@
 `check_vector_env` checks a native Gymnasium `VectorEnv`, `check_parallel_env` and `check_parallel_env_seed` a
 PettingZoo `ParallelEnv`. They need NumPy and Gymnasium only (PettingZoo for an environment named by its id).
 
-    check_vector_env("thruster_envs/OrionRendezvous-v0", max_episode_steps=20)  # make_vec beside make, by id
+    check_vector_env("thruster_envs/OrionRendezvous-v1", max_episode_steps=20)  # make_vec beside make, by id
     check_vector_env(MyVectorEnv, MyEnv)                                        # classes or functions
     check_vector_env(MyVectorEnv, skip={"seed_lists": "seeds are numbers"})     # without a single environment
     print(check_vector_env(MyVectorEnv, raise_failures=False))                  # the whole report

@@ -155,7 +155,7 @@ class MapperAction(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
     """The action is a body rate change, of which the mapper makes duties.
 
     Box [-1, 1] (6,), in shares of the vehicle's authority per axis. Where the environment takes more than
-    duties (valves of ``MarsRendezvous-v0``), that stands behind the six, unchanged.
+    duties (valves of ``MarsRendezvous-v1``), that stands behind the six, unchanged.
 
     A mapper with a memory begins every episode without owing anything; ``info["remainder"]`` (6,), m/s then
     rad/s, is what it carries over to the next action.
@@ -397,7 +397,7 @@ class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     The reward is the sum over these periods, and so are ``info["reward_terms"]`` and ``info["cost"]``; the
     observation and all other information are those of the last one. Time limits still count control periods.
-    Where one pulse does little and actions drawn anew cancel each other, as in ``FormationAttitude-v0``,
+    Where one pulse does little and actions drawn anew cancel each other, as in ``FormationAttitude-v1``,
     exploring needs this.
 
     Args:

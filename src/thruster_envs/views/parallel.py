@@ -219,7 +219,7 @@ class FormationParallelEnv(TaskParallelEnv):
     empty reference point. Free motion follows that orbit without fuel, so what is to be flown against is
     dispersion, sensor noise, firing scatter, and faults. The fuel bill is shared: whoever fires, all pay. The
     agents are called `craft_1`, `craft_2`, ...; all of them stay until the episode ends, for all at once.
-    Single-agent form: `thruster_envs/FormationKeeping-v0` in Gymnasium.
+    Single-agent form: `thruster_envs/FormationKeeping-v1` in Gymnasium.
 
     ## Action Space
 
@@ -259,12 +259,27 @@ class FormationParallelEnv(TaskParallelEnv):
 
     ## Rewards
 
-    For each agent:
+    For each agent. With *d* the distance from the slot, *a* the angle from LVLH and *u* the mean over all
+    craft of the share of thruster time in which valves were open:
 
-    - `tracking`: - min(distance from the slot / 10 m, 1)
-    - `attitude`: - 0.5 min(angle from LVLH / 1 rad, 1)
-    - `fuel`: - `fuel_price` times the mean over all craft of the share of thruster time in which valves were
-      open
+    reward = 5 / 120 (1 / (1 + d / `slot_tolerance`) + 0.5 / (1 + a / (0.1 rad)) + `fuel_price` (1 - u)) -
+    5 (1.5 + `fuel_price`) [lost]
+
+    | Term | What | In a period | In an episode of 120 |
+    |---|---|---|---|
+    | `tracking` | 5 / 120 / (1 + d / `slot_tolerance`) | 0 to 0.042 | 0 to 5 |
+    | `attitude` | 2.5 / 120 / (1 + a / (0.1 rad)) | 0 to 0.021 | 0 to 2.5 |
+    | `fuel` | 5 / 120 `fuel_price` (1 - u) | 0 to 0.021 | 0 to 2.5 |
+    | `lost` | - 5 (1.5 + `fuel_price`) | -10 or 0 | -10 or 0 |
+
+    - `tracking`: of being in the slot
+    - `attitude`: of being aligned with LVLH
+    - `fuel`: of valves that stay shut; whoever fires, all pay
+    - `lost`: for every agent, where any craft is lost, as much as a whole episode can be worth
+
+    No period without a loss returns less than 0: at whatever time, under whatever discount and whatever the
+    time limit, a loss returns less than any way to go on without one. Doing nothing drifts some metres off
+    the slot and is not lost.
 
     ## Starting State
 
@@ -317,10 +332,11 @@ class FormationParallelEnv(TaskParallelEnv):
 
     ## Version History
 
+    - v1: a reward that no loss can raise: periods are worth something, and a loss costs a whole episode
     - v0: initial version
     """
 
-    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_keeping_v0"}
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_keeping_v1"}
     task_type: ClassVar[type[Task]] = FormationKeeping
 
 
@@ -339,7 +355,7 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     The agents are called `follower_1`, `follower_2`, ...; with `command_leader=True` the first is `leader`.
     All of them stay until the episode ends, for all at once. Single-agent form:
-    `thruster_envs/FormationAttitude-v0` in Gymnasium. Importing :mod:`thruster_envs.formation_attitude_v0`
+    `thruster_envs/FormationAttitude-v1` in Gymnasium. Importing :mod:`thruster_envs.formation_attitude_v1`
     registers it with PettingZoo.
 
     ## Action Space
@@ -381,12 +397,27 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     ## Rewards
 
-    For each agent:
+    For each agent. With *a* the angle from the target, *e* the share by which the own fuel is above the
+    formation's mean, at most 1, and *p* the pulses of the period:
 
-    - `pointing`: - (a / (1 rad) + a / (a + 0.05 rad)) / 2, with the angle a from the target
-    - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
-      most 1
-    - `pulses`: - `pulse_price` times the pulses of the period, over 3
+    reward = 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2 + `balance_price` (1 - e) +
+    `pulse_price` (1 - p / 3)) - 7 (1 + `balance_price` + `pulse_price`) [lost]
+
+    | Term | What | In a period | In an episode of 3000 |
+    |---|---|---|---|
+    | `pointing` | 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2) | 0 to 0.00233 | 0 to 7 |
+    | `balance` | 7 / 3000 `balance_price` (1 - e) | 0 to 0.00005 | 0 to 0.14 |
+    | `pulses` | 7 / 3000 `pulse_price` (1 - p / 3) | 0 to 0.00007 | 0 to 0.21 |
+    | `lost` | - 7 (1 + `balance_price` + `pulse_price`) | -7.35 or 0 | -7.35 or 0 |
+
+    - `pointing`: of being at the target
+    - `balance`: of using no more fuel than the others
+    - `pulses`: of pulses that are not fired
+    - `lost`: for every agent, where any craft is lost, as much as a whole episode can be worth
+
+    No period without a loss returns less than 0: at whatever time, under whatever discount and whatever the
+    time limit, a loss returns less than any way to go on without one. Doing nothing stays at the start and is
+    not lost.
 
     ## Starting State
 
@@ -461,8 +492,9 @@ class FormationAttitudeParallelEnv(TaskParallelEnv):
 
     ## Version History
 
+    - v1: a reward that no loss can raise: periods are worth something, and a loss costs a whole episode
     - v0: initial version
     """
 
-    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v0"}
+    metadata: ClassVar[dict[str, Any]] = TaskParallelEnv.metadata | {"name": "formation_attitude_v1"}
     task_type: ClassVar[type[Task]] = FormationAttitude

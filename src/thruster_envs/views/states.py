@@ -7,7 +7,7 @@ methods (:class:`MidEpisode`); the functions here also take what wrappers rememb
 
 >>> import gymnasium as gym
 >>> import thruster_envs
->>> env = gym.make("thruster_envs/OrionRendezvous-v0")
+>>> env = gym.make("thruster_envs/OrionRendezvous-v1")
 >>> _ = env.reset(seed=0)
 >>> state = get_state(env)
 >>> first = env.step(env.action_space.sample() * 0.0)[0]

@@ -1,4 +1,4 @@
-"""`ActiveDiagnosis-v0`: its page."""
+"""`ActiveDiagnosis-v1`: its page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     One Orion craft holds its place under a pilot that knows of no fault, and hardly fires; so a thruster that
     is dead or weak hardly shows. At the beginning of each control period the agent declares what it believes,
-    as in `FaultDiagnosis-v0`, and chooses a test pulse for each thruster. The pulses are added to the pilot's
+    as in `FaultDiagnosis-v1`, and chooses a test pulse for each thruster. The pulses are added to the pilot's
     duties, no duty above 1, in the order of the thrusters; what is over the budget is not fired. The pilot
     goes on holding the craft: a test that turns or moves it is undone, which costs fuel and shows thrusters
     too.
@@ -29,12 +29,12 @@ class ActiveDiagnosisEnv(TaskEnv):
     | Index | Meaning | Min | Max | Unit |
     |---|---|---|---|---|
     | 0 | thruster that is declared faulty, numbered from 1; 0 declares that there is no fault | 0 | 12 | 1 |
-    | 1 | its mode, as in `FaultDiagnosis-v0`; without meaning where there is no fault | 0 | 5 | 1 |
+    | 1 | its mode, as in `FaultDiagnosis-v1`; without meaning where there is no fault | 0 | 5 | 1 |
     | 2-13 | test pulse of each thruster: 0 for none, else which of `test_duties`, from 1 | 0 | 2 | 1 |
 
     ## Observation Space
 
-    `Box(..., (68,), float32)`, as in `FaultDiagnosis-v0`, and what is left of the budget. The last duties are
+    `Box(..., (68,), float32)`, as in `FaultDiagnosis-v1`, and what is left of the budget. The last duties are
     those that were commanded, tests included.
 
     | Index | Meaning | Min | Max | Unit |
@@ -61,21 +61,39 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     ## Rewards
 
-    As in `FaultDiagnosis-v0`, in shares of a flight of 120 periods, and the fuel of the tests:
+    As in `FaultDiagnosis-v1`, each period is worth something or costs something, in shares of a flight of 120
+    periods:
 
-    - `delay`: - `delay_cost` / 120 where a fault acts and none is declared
-    - `false_alarm`: - `false_alarm_cost` / 120 where no fault acts and one is declared
-    - `wrong_name`: - `wrong_name_cost` / 120 where a fault acts and a thruster without one is declared;
-      - `wrong_mode_cost` / 120 where the thruster is right and the mode is not
-    - `fuel`: - `fuel_cost` times the share of the budget that the test pulses of the period use up
+    reward = (`right_worth` [thruster right] - `wrong_mode_cost` [thruster right, mode wrong] - `delay_cost`
+    [fault, none declared] - `wrong_name_cost` [fault, another thruster declared] - `false_alarm_cost` [no
+    fault, one declared]) / 120 - `fuel_cost` (share of the budget used) - (10.5 + 5 left / 120) [lost]
 
-    A flight that is lost before its end is charged at once as if the last declaration stood to its end. With
-    several faults at a time it is right to name any of them.
+    | Term | What | In a period | In a flight |
+    |---|---|---|---|
+    | `right` | `right_worth` / 120 where a faulty thruster is declared | 0 to 0.042 | 0 to 5 |
+    | `delay` | - `delay_cost` / 120 where a fault acts and none is declared | -0.021 to 0 | -2.5 to 0 |
+    | `false_alarm` | - `false_alarm_cost` / 120 where one is declared without need | -0.042 to 0 | -5 to 0 |
+    | `wrong_name` | - `wrong_name_cost` / 120, or - `wrong_mode_cost` / 120 | -0.033 to 0 | -4 to 0 |
+    | `fuel` | - `fuel_cost` times the share of the budget that tests use up | -0.5 to 0 | -0.5 to 0 |
+    | `lost` | - 10.5 - 5 (share of the periods left) | -15.5 to 0 | -15.5 to 0 |
+
+    - `right`: of a faulty thruster that is declared, the more the earlier
+    - `delay`: of a fault that is not declared
+    - `false_alarm`: of a fault that is declared and is not there; it costs more than to say nothing
+    - `wrong_name`: of the wrong thruster, which costs more than to say nothing, or of the wrong mode
+    - `fuel`: of test pulses
+    - `lost`: of a flight that is lost before its end, whatever was declared: 10.5 is `right_worth`, the
+      largest cost and `fuel_cost`, 5 the largest cost
+
+    At whatever time and under whatever discount, to be lost returns less than to fly on without being lost.
+
+    With several faults at a time it is right to name any of them. To declare no fault for a whole flight
+    returns 0 without a fault, which is the most there is, and on average -1.5 with those of the default.
 
     ## Starting State
 
     Near the origin, dispersed uniformly by 1.5 m, 5 mm/s, 5 degrees and 1 mrad/s on each axis; the origin is
-    the place to hold. Faults are drawn as in `FaultDiagnosis-v0`: by default with probability 0.8, one
+    the place to hold. Faults are drawn as in `FaultDiagnosis-v1`: by default with probability 0.8, one
     thruster in any mode, from some time of the first half of the flight on.
 
     ## Episode End
@@ -101,21 +119,21 @@ class ActiveDiagnosisEnv(TaskEnv):
     - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
       LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
     - `diagnosis`: `detected`, `delay`, `false_alarms`, `isolated`, `identified`, `thruster` and `mode` as in
-      `FaultDiagnosis-v0`; `tested`: test pulses fired since the reset, thruster-seconds.
+      `FaultDiagnosis-v1`; `tested`: test pulses fired since the reset, thruster-seconds.
 
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/ActiveDiagnosis-v0", test_duties=(0.05, 0.2), budget=30.0)
+    gym.make("thruster_envs/ActiveDiagnosis-v1", test_duties=(0.05, 0.2), budget=30.0)
     ```
 
     - `spacecraft`, `faults`, `observe_fault`, `fault_slots`, `nonlinear`, `max_substep`, `pilot`, `leg`,
-      `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`, `range_limit`, `rate_limit`: as
-      in `FaultDiagnosis-v0`.
+      `right_worth`, `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`, `range_limit`,
+      `rate_limit`: as in `FaultDiagnosis-v1`.
     - `reach`: half-size of the cube in which slots are drawn, m; 0 by default, so that the craft stays.
     - `test_duties`: the test pulses that there are, as duties; (0.1, 0.4) by default.
     - `budget`: test pulses of a flight, thruster-seconds; 60 by default.
-    - `fuel_cost`: what it costs to use up the budget; 0.1 by default.
+    - `fuel_cost`: what it costs to use up the budget; 0.5 by default.
     - `soft_rate_limit`: body rate from which on `cost` counts, rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
     - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
@@ -123,7 +141,7 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/ActiveDiagnosis-v0", faults=[], budget=4.0)
+    >>> env = gym.make("thruster_envs/ActiveDiagnosis-v1", faults=[], budget=4.0)
     >>> observation, info = env.reset(seed=1)
     >>> for _ in range(3):
     ...     observation, reward, terminated, truncated, info = env.step([0, 0, 2, 0] + 10 * [0])
@@ -132,6 +150,8 @@ class ActiveDiagnosisEnv(TaskEnv):
 
     ## Version History
 
+    - v1: the right thruster is worth something, so that to learn it pays before it is learnt well,
+      and a flight that is lost costs more than any that is not
     - v0: initial version
     """
 

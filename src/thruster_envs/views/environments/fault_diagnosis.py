@@ -1,4 +1,4 @@
-"""`FaultDiagnosis-v0`: its page."""
+"""`FaultDiagnosis-v1`: its page."""
 
 from __future__ import annotations
 
@@ -72,15 +72,29 @@ class FaultDiagnosisEnv(TaskEnv):
 
     ## Rewards
 
-    A sum of costs, each in shares of a flight of 120 periods:
+    Each period is worth something or costs something, in shares of a flight of 120 periods:
 
-    - `delay`: - `delay_cost` / 120 where a fault acts and none is declared
-    - `false_alarm`: - `false_alarm_cost` / 120 where no fault acts and one is declared
-    - `wrong_name`: - `wrong_name_cost` / 120 where a fault acts and a thruster without one is declared;
-      - `wrong_mode_cost` / 120 where the thruster is right and the mode is not
+    reward = (`right_worth` [thruster right] - `wrong_mode_cost` [thruster right, mode wrong] - `delay_cost`
+    [fault, none declared] - `wrong_name_cost` [fault, another thruster declared] - `false_alarm_cost` [no
+    fault, one declared]) / 120
 
-    A flight that is lost before its end is charged at once as if the last declaration stood to its end. With
-    several faults at a time it is right to name any of them.
+    | Term | What | In a period | In a flight |
+    |---|---|---|---|
+    | `right` | `right_worth` / 120 where a faulty thruster is declared | 0 to 0.042 | 0 to 5 |
+    | `delay` | - `delay_cost` / 120 where a fault acts and none is declared | -0.021 to 0 | -2.5 to 0 |
+    | `false_alarm` | - `false_alarm_cost` / 120 where one is declared without need | -0.042 to 0 | -5 to 0 |
+    | `wrong_name` | - `wrong_name_cost` / 120, or - `wrong_mode_cost` / 120 | -0.033 to 0 | -4 to 0 |
+
+    - `right`: of a faulty thruster that is declared, the more the earlier
+    - `delay`: of a fault that is not declared
+    - `false_alarm`: of a fault that is declared and is not there; it costs more than to say nothing
+    - `wrong_name`: of the wrong thruster, which costs more than to say nothing, or of the wrong mode
+
+    A flight that is lost before its end, in which the agent has no part, is charged at once what its last
+    declaration costs, if it stood to the end; where it was right, nothing.
+
+    With several faults at a time it is right to name any of them. To declare no fault for a whole flight
+    returns 0 without a fault, which is the most there is, and on average -1.5 with those of the default.
 
     ## Starting State
 
@@ -121,7 +135,7 @@ class FaultDiagnosisEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FaultDiagnosis-v0", faults={"probability": 1.0, "kinds": ["leak"]})
+    gym.make("thruster_envs/FaultDiagnosis-v1", faults={"probability": 1.0, "kinds": ["leak"]})
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -138,8 +152,8 @@ class FaultDiagnosisEnv(TaskEnv):
     - `reach`: half-size of the cube in which slots are drawn, m; None (5 m on Orion) for that from which the
       scripted pilot goes back to the origin with a third of the vehicle's authority. `leg`: periods between
       two slots.
-    - `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`: what each costs if it lasts for
-      a whole flight; 1, 2, 1.5 and 0.5 by default.
+    - `right_worth`, `delay_cost`, `false_alarm_cost`, `wrong_name_cost`, `wrong_mode_cost`: what each
+      is worth or costs if it lasts for a whole flight; 5, 2.5, 5, 4 and 2.5 by default.
     - `range_limit`, `rate_limit`: bounds, m and rad/s.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
     - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
@@ -147,7 +161,7 @@ class FaultDiagnosisEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FaultDiagnosis-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    >>> env = gym.make("thruster_envs/FaultDiagnosis-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step([3, 0])
     >>> info["score"], info["diagnosis"]["identified"], reward
@@ -155,6 +169,7 @@ class FaultDiagnosisEnv(TaskEnv):
 
     ## Version History
 
+    - v1: the right thruster is worth something, so that to learn it pays before it is learnt well
     - v0: initial version
     """
 

@@ -1,4 +1,4 @@
-"""`FormationAttitude-v0`: its page."""
+"""`FormationAttitude-v1`: its page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FormationAttitudeEnv(TaskEnv):
 
     The first follower is the agent's; the leader and the others fly by the law of the source, which knows of
     no fault. With every follower as an agent of its own this is the PettingZoo environment
-    `thruster_envs.formation_attitude_v0`.
+    `thruster_envs.formation_attitude_v1`.
 
     An episode is as long as the missions of the source. For learning, `max_episode_steps=1200` keeps what
     matters, the turn and its settling, at less than half of the steps. One pulse hardly moves a craft, and
@@ -69,10 +69,27 @@ class FormationAttitudeEnv(TaskEnv):
 
     ## Rewards
 
-    - `pointing`: - (a / (1 rad) + a / (a + 0.05 rad)) / 2, with the angle a from the target
-    - `balance`: - `balance_price` times the share by which the own fuel is above the formation's mean, at
-      most 1
-    - `pulses`: - `pulse_price` times the pulses of the period, over 3
+    With *a* the angle from the target, *e* the share by which the own fuel is above the formation's mean,
+    at most 1, and *p* the pulses of the period:
+
+    reward = 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2 + `balance_price` (1 - e) +
+    `pulse_price` (1 - p / 3)) - 7 (1 + `balance_price` + `pulse_price`) [lost]
+
+    | Term | What | In a period | In an episode of 3000 |
+    |---|---|---|---|
+    | `pointing` | 7 / 3000 (1 - (a / pi + a / (a + 0.05 rad)) / 2) | 0 to 0.00233 | 0 to 7 |
+    | `balance` | 7 / 3000 `balance_price` (1 - e) | 0 to 0.00005 | 0 to 0.14 |
+    | `pulses` | 7 / 3000 `pulse_price` (1 - p / 3) | 0 to 0.00007 | 0 to 0.21 |
+    | `lost` | - 7 (1 + `balance_price` + `pulse_price`) | -7.35 or 0 | -7.35 or 0 |
+
+    - `pointing`: of being at the target
+    - `balance`: of using no more fuel than the others
+    - `pulses`: of pulses that are not fired
+    - `lost`: a craft, as much as a whole episode can be worth
+
+    No period without a loss returns less than 0: at whatever time, under whatever discount and whatever the
+    time limit, a loss returns less than any way to go on without one. Doing nothing stays at the start and is
+    not lost.
 
     ## Starting State
 
@@ -109,7 +126,7 @@ class FormationAttitudeEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FormationAttitude-v0", faults=[{"craft": 2, "thruster": 1, "kind": "loss"}])
+    gym.make("thruster_envs/FormationAttitude-v1", faults=[{"craft": 2, "thruster": 1, "kind": "loss"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`, with a
@@ -138,13 +155,14 @@ class FormationAttitudeEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FormationAttitude-v0", craft=4)
+    >>> env = gym.make("thruster_envs/FormationAttitude-v1", craft=4)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, round(info["attitude"]["error"], 2)
     ((21,), 1.05)
 
     ## Version History
 
+    - v1: a reward that no loss can raise: periods are worth something, and a loss costs a whole episode
     - v0: initial version
     """
 

@@ -1,4 +1,4 @@
-"""`FormationKeeping-v0`: its page."""
+"""`FormationKeeping-v1`: its page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FormationKeepingEnv(TaskEnv):
     empty reference point. Free motion follows that orbit without fuel, so what is to be flown against is
     dispersion, sensor noise, firing scatter, and faults. The fuel bill is shared. The first craft is the
     agent's; the others fly with the suite's scripted pilot, which knows of no fault. With every craft as an
-    agent of its own this is the PettingZoo environment `thruster_envs.formation_keeping_v0`.
+    agent of its own this is the PettingZoo environment `thruster_envs.formation_keeping_v1`.
 
     ## Action Space
 
@@ -57,10 +57,27 @@ class FormationKeepingEnv(TaskEnv):
 
     ## Rewards
 
-    - `tracking`: - min(distance from the slot / 10 m, 1)
-    - `attitude`: - 0.5 min(angle from LVLH / 1 rad, 1)
-    - `fuel`: - `fuel_price` times the mean over all craft of the share of thruster time in which valves were
-      open
+    With *d* the distance from the slot, *a* the angle from LVLH and *u* the mean over all craft of the
+    share of thruster time in which valves were open:
+
+    reward = 5 / 120 (1 / (1 + d / `slot_tolerance`) + 0.5 / (1 + a / (0.1 rad)) + `fuel_price` (1 - u)) -
+    5 (1.5 + `fuel_price`) [lost]
+
+    | Term | What | In a period | In an episode of 120 |
+    |---|---|---|---|
+    | `tracking` | 5 / 120 / (1 + d / `slot_tolerance`) | 0 to 0.042 | 0 to 5 |
+    | `attitude` | 2.5 / 120 / (1 + a / (0.1 rad)) | 0 to 0.021 | 0 to 2.5 |
+    | `fuel` | 5 / 120 `fuel_price` (1 - u) | 0 to 0.021 | 0 to 2.5 |
+    | `lost` | - 5 (1.5 + `fuel_price`) | -10 or 0 | -10 or 0 |
+
+    - `tracking`: of being in the slot
+    - `attitude`: of being aligned with LVLH
+    - `fuel`: of valves that stay shut; whoever fires, all pay
+    - `lost`: a craft, as much as a whole episode can be worth
+
+    No period without a loss returns less than 0: at whatever time, under whatever discount and whatever the
+    time limit, a loss returns less than any way to go on without one. Doing nothing drifts some metres off
+    the slot and is not lost.
 
     ## Starting State
 
@@ -93,7 +110,7 @@ class FormationKeepingEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/FormationKeeping-v0", craft=4, faults=[{"thruster": 5, "kind": "leak"}])
+    gym.make("thruster_envs/FormationKeeping-v1", craft=4, faults=[{"thruster": 5, "kind": "leak"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -110,20 +127,22 @@ class FormationKeepingEnv(TaskEnv):
     - `radius`: of the relative orbit, m. `slot_tolerance`: distance within which a slot counts as kept, m.
     - `keep_out`: distance between craft below which `cost` counts, m.
     - `range_limit`, `rate_limit`: bounds, m and rad/s.
-    - `fuel_price`: worth of all thrusters open for a whole period, in units of the largest tracking penalty.
+    - `fuel_price`: worth of all thrusters open for a whole period, in units of what keeping
+      the slot is worth; 0.5 by default.
     - `render_mode`: None, `"rgb_array"` or `"human"`.
     - `flat_info`: whether the information has keys like `reward_terms/fuel` instead of dictionaries, and
       NumPy scalars instead of Python's numbers.
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/FormationKeeping-v0", craft=4)
+    >>> env = gym.make("thruster_envs/FormationKeeping-v1", craft=4)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, info["success"]
     ((46,), False)
 
     ## Version History
 
+    - v1: a reward that no loss can raise: periods are worth something, and a loss costs a whole episode
     - v0: initial version
     """
 

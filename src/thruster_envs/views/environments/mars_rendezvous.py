@@ -1,4 +1,4 @@
-"""`MarsRendezvous-v0`: its page."""
+"""`MarsRendezvous-v1`: its page."""
 
 from __future__ import annotations
 
@@ -77,14 +77,38 @@ class MarsRendezvousEnv(TaskEnv):
 
     ## Rewards
 
-    A *nominal time* is that of the approach at constant speed, 200 s.
+    With *T* the periods of an episode, *o* the lateral offset, *a* the angle from the attitude of the
+    approach, *w* the body rate, *u* the share of thruster time in which valves were open, *d* the distance
+    and *D* that at the start:
 
-    - `corridor`: - min(lateral offset / 1 m, 1), as a mean over the nominal time
-    - `attitude`: - 0.5 min(angle from the attitude of the approach / 10 degrees, 1), likewise
-    - `fuel`: - 0.25 times the thruster-seconds of the period over those of an open rate of 0.1 in all
-      thrusters for the nominal time
-    - `progress`: the distance gained, as a share of that at the start
-    - `capture`: 1 at capture; -1 if the capture plane is crossed otherwise, or the chaser is lost
+    reward = -(2 o / (o + 0.25 m) + 0.5 a / (a + 3 deg) + 0.5 w / (w + 0.5 deg/s) + 0.2 u) / T +
+    4 (P - P before) + 4 (0.5 + 0.5 economy) [captured] - (3.2 left / T) [ended otherwise] -
+    4 (0.5 + 0.5 badness) [missed or lost], with P = - d / D
+
+    | Term | What | In a period | In an episode |
+    |---|---|---|---|
+    | `corridor` | - 2 o / (o + 0.25 m) / T | -2 / T to 0 | -2 to 0 |
+    | `attitude` | - (0.5 a / (a + 3 deg) + 0.5 w / (w + 0.5 deg/s)) / T | -1 / T to 0 | -1 to 0 |
+    | `fuel` | - 0.2 u / T | -0.2 / T to 0 | -0.2 to 0 |
+    | `progress` | 4 (P - P before); P is - 1.5 when missed or lost | -6 to 4 | -2 to 4 |
+    | `capture` | 4 (0.5 + 0.5 min(1, nominal / spent thruster-seconds)) | 0 to 4 | 0 to 4 |
+    | `lost` | - 3.2 left / T, and - 4 (0.5 + 0.5 badness) | -7.2 to 0 | -7.2 to 0 |
+
+    - `corridor`: of the way off the V-bar
+    - `attitude`: of bad pointing and of turning
+    - `fuel`: of open valves
+    - `progress`: of the distance gained; its terms sum to 4 times the difference of the potential's ends, of
+      which the last is - (D + 10 m) / D when missed or lost
+    - `capture`: the more the fewer the thruster-seconds; the nominal ones are those of an open rate of 0.1 in
+      all thrusters for the nominal time, 200 s
+    - `lost`: at any end but a capture, what the periods left could have cost; and if the capture plane is
+      crossed otherwise, or the chaser is lost, as much again as a capture is worth. The *badness* of a loss
+      is 1; that of a miss the mean over its five requirements of how far each is exceeded, 1 from five
+      times the tolerance on.
+
+    At whatever time and under whatever discount, to be lost returns less than to fly on without being lost.
+    To do nothing is to coast on, off the V-bar and past the target, which is a miss or a loss after some 2000
+    periods: that returns more than any earlier loss, and less than to stop on the way or to retreat.
 
     ## Starting State
 
@@ -129,7 +153,7 @@ class MarsRendezvousEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/MarsRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 60.0}])
+    gym.make("thruster_envs/MarsRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_on", "onset": 60.0}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`; one with a
@@ -161,7 +185,7 @@ class MarsRendezvousEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/MarsRendezvous-v0", distance=5.0)
+    >>> env = gym.make("thruster_envs/MarsRendezvous-v1", distance=5.0)
     >>> observation, info = env.reset(seed=1)
     >>> worlds, terminated = env.unwrapped.worlds, False
     >>> while not terminated:
@@ -172,6 +196,7 @@ class MarsRendezvousEnv(TaskEnv):
 
     ## Version History
 
+    - v1: a reward that no loss can raise: coming near pays only if the target is not missed or endangered
     - v0: initial version
     """
 

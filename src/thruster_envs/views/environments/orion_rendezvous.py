@@ -1,4 +1,4 @@
-"""`OrionRendezvous-v0`: its page."""
+"""`OrionRendezvous-v1`: its page."""
 
 from __future__ import annotations
 
@@ -56,17 +56,30 @@ class OrionRendezvousEnv(TaskEnv):
 
     ## Rewards
 
-    In units of the delta-v of the undisturbed mission (two impulses from `start`, sum of absolute
-    components):
+    With *T* the periods of an episode, *u* the share of thruster time in which valves were open, and *x* what
+    is still to be paid: the two-impulse delta-v to go (of the Hill equations, or those of an elliptic orbit,
+    in closed form, m/s), and rates and attitude errors at their worth in m/s, over the delta-v of the
+    undisturbed mission:
 
-    - `fuel`: - (thruster-seconds of the period) times (mean thrust / mass), m/s, over that delta-v
-    - `progress`: the change of a potential: minus the two-impulse delta-v still to go (of the Hill equations,
-      or those of an elliptic orbit, in closed form, m/s), and minus rates and attitude errors at their worth
-      in m/s, over that delta-v
-    - `arrival`: 1 if the craft is in the terminal box when the time is up; -1 if it goes out of bounds
+    reward = - 2 u / T + 5 (P - P before) + 5 (0.5 + 0.5 economy) [arrived] - (5 + 2 left / T) [lost], with
+    P = - x / (1 + x)
 
-    The potential makes the reward dense and leaves the best policy as it was, but for the end that it starts
-    from.
+    | Term | What | In a period | In an episode |
+    |---|---|---|---|
+    | `fuel` | - 2 u / T | -2 / T to 0 | -2 to 0 |
+    | `progress` | 5 (P - P before); P is -1 at a loss | -5 to 5 | -2.5 to 2.5 |
+    | `arrival` | 5 (0.5 + 0.5 min(1, mission delta-v / spent)) | 0 to 5 | 0 to 5 |
+    | `lost` | - 5 - 2 left / T | -7 to 0 | -7 to 0 |
+
+    - `fuel`: of valves that are open
+    - `progress`: of a potential from 0, nothing to pay, down to -1; its terms sum to 5 times the difference
+      of its ends
+    - `arrival`: in the terminal box when the time is up, the more the less fuel was spent
+    - `lost`: out of bounds, at least as much as all that could still come
+
+    At whatever time and under whatever discount, to be lost returns less than to fly on without being lost.
+    To do nothing is to drift out of range, which loses the craft after some 320 periods: that returns more
+    than any earlier loss, and less than staying near the start.
 
     ## Starting State
 
@@ -99,7 +112,7 @@ class OrionRendezvousEnv(TaskEnv):
     ## Arguments
 
     ```python
-    gym.make("thruster_envs/OrionRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    gym.make("thruster_envs/OrionRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     ```
 
     - `spacecraft`: a name in the catalogue, the path of a TOML file, a mapping, or a `Spacecraft`. Its orbit
@@ -123,13 +136,14 @@ class OrionRendezvousEnv(TaskEnv):
 
     >>> import gymnasium as gym
     >>> import thruster_envs
-    >>> env = gym.make("thruster_envs/OrionRendezvous-v0", faults=[{"thruster": 3, "kind": "stuck_off"}])
+    >>> env = gym.make("thruster_envs/OrionRendezvous-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     >>> observation, info = env.reset(seed=1)
     >>> round(300.0 * float(observation[0]), -1), info["fault"]["active"].tolist()
     (300.0, [True, False, False, False])
 
     ## Version History
 
+    - v1: a reward that no loss can raise: the potential is bounded, and a loss costs what was left
     - v0: initial version
     """
 

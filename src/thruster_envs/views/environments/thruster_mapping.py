@@ -68,6 +68,14 @@ class ThrusterMappingEnv(TaskEnv):
     where (fuel_cost, slack_cost) = `thruster_envs.spacecraft.objective_weights(effectiveness, period)`: a
     miss always costs more than the fuel that would avoid it.
 
+    | Term | What | In a period | In an episode |
+    |---|---|---|---|
+    | `miss` | as above; up to 1.5 of the authority is commanded | -2.5 to 0 | -80 to 0 |
+    | `fuel` | as above, on Orion | -0.0083 to 0 | -0.27 to 0 |
+
+    Nothing can be lost, and no episode ends early. Doing nothing misses every command whole; the linear
+    program that knows the fault returns the most there is.
+
     ## Starting State
 
     No last command. The first command is drawn like every later one. Four kinds are equally likely: a single
