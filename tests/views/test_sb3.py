@@ -156,7 +156,7 @@ class Still:
 def test_evaluation_reads_success_and_everything_else_at_the_end_of_an_episode():
     env = VecMonitor(
         SB3VecEnv(gym.make_vec(
-            "thruster_envs/FormationKeeping-v0", num_envs=3, max_episode_steps=2, radius=0.5,
+            "thruster_envs/FormationKeeping-v1", num_envs=3, max_episode_steps=2, radius=0.5,
             keep_out=0.1, slot_tolerance=2.0, faults=[],
         )),
         info_keywords=("is_success", "reward_terms", "state"),

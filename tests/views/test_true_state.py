@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from thruster_envs import formation_attitude_v0, formation_keeping_v0
+from thruster_envs import formation_attitude_v1, formation_keeping_v1
 from thruster_envs.physics import rows as at
 from thruster_envs.registration import ENVIRONMENTS
 from thruster_envs.spacecraft import load
@@ -49,20 +49,20 @@ def test_a_task_in_which_nothing_moves_has_none(identifier):
 
 
 def test_flat_information_has_it_under_paths():
-    env = gym.make("thruster_envs/OrionRendezvous-v0", flat_info=True)
+    env = gym.make("thruster_envs/OrionRendezvous-v1", flat_info=True)
     _, info = env.reset(seed=0)
     np.testing.assert_array_equal(info["state/position"], true_of(env, "position")[0, 0])
     assert {f"state/{name}" for name in PLACES} <= set(info)
 
 
-@pytest.mark.parametrize("module", [formation_keeping_v0, formation_attitude_v0])
+@pytest.mark.parametrize("module", [formation_keeping_v1, formation_attitude_v1])
 def test_each_agent_has_that_of_its_own_craft(module):
     env = module.parallel_env(craft=3)
     _, infos = env.reset(seed=2)
     for number, agent in enumerate(env.agents):
         for name, value in infos[agent]["state"].items():
             np.testing.assert_array_equal(value, true_of(env, name)[0, number])
-    turns = module is formation_attitude_v0
+    turns = module is formation_attitude_v1
     assert set(infos[env.agents[0]]["state"]) == names_of(
         "FormationAttitude" if turns else "FormationKeeping"
     )
@@ -71,7 +71,7 @@ def test_each_agent_has_that_of_its_own_craft(module):
 def test_at_the_end_of_an_episode_it_is_that_of_the_end_and_not_of_the_next_start():
     quiet = load("orion").replace(sensors={})
     envs = gym.make_vec(
-        "thruster_envs/OrionRendezvous-v0", num_envs=2, spacecraft=quiet, range_limit=300.5,
+        "thruster_envs/OrionRendezvous-v1", num_envs=2, spacecraft=quiet, range_limit=300.5,
         autoreset_mode="SameStep",
     )  # fmt: skip
     envs.reset(seed=0)

@@ -192,8 +192,8 @@ class EpisodeState(TaskState, Generic[Statistics]):
 class OneAgentState(EpisodeState[Statistics]):
     """Arrays of a batch of one agent, whose statistics hold what a step was worth and what ``info`` shows.
 
-    The terms of the reward stand first; ``cost``, ``over``, ``open_time``, ``score`` and ``success`` are among
-    the others.
+    The terms of the reward stand first; ``cost``, ``over``, ``open_time``, ``score`` and ``success`` are
+    among the others.
     """
 
     model: Any  # with `terms`, their number

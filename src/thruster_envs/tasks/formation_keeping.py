@@ -228,7 +228,11 @@ class FormationKeeping(Task):
         vehicle = self.vehicle
         price = self.fuel_price / (vehicle.number_of_thrusters * vehicle.control_period)
         parameters = self.numbers(
-            Parameters, fuel_price=price, economy=self.fuel_price, loss=self.most_worth, former=self.former_reward
+            Parameters,
+            fuel_price=price,
+            economy=self.fuel_price,
+            loss=self.most_worth,
+            former=self.former_reward,
         )
         return FormationState(
             self.make_fleet(worlds, threads),
