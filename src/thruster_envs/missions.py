@@ -203,7 +203,7 @@ def fly_missions(
     fault_slots: int = 4,
     threads: int | None = None,
 ) -> Missions:
-    """Fly missions under the leader and follower law.
+    """Fly missions under the leader and follower law. Each argument is a user's option of its own.
 
     Args:
         targets: Where the followers turn to, from the leader: roll, pitch and yaw in rad, (3,) for all,

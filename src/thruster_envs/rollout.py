@@ -87,7 +87,7 @@ def fly(
     progress: bool = False,
     **arguments: Any,
 ) -> Recording:
-    """Fly a policy through one episode for each seed, and record it.
+    """Fly a policy through one episode for each seed, and record it. Each argument is a user's option.
 
     Args:
         env: An id, which is made; or an environment of this suite, wrapped or not: of Gymnasium, single or

@@ -121,6 +121,8 @@ def check_vector_env(
 ) -> Report:
     """Check a vector environment; a failed check is one line: where, what is wrong, what to change.
 
+    Each argument is a user's option of its own.
+
     Args:
         make_vector: The id of an environment, made with `gymnasium.make_vec`; or a class or function that
             makes a fresh vector environment. It is given `num_envs=` and `autoreset_mode=` if it takes them.
