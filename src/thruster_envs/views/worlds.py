@@ -135,6 +135,7 @@ class Worlds:
         self.watcher: Callable[[NDArray[np.bool_]], None] | None = None
         self._storage = Storage(self.fleet, task) if task.storage_size else None
         self._choices = None if task.choices is None else np.array(task.choices, np.int64)
+        self._state_names = tuple((_MOTION if task.translates else _TURNING).items())
         self._nobody, self._everybody = np.zeros(number, np.bool_), np.ones(number, np.bool_)
 
     def seed(self, which: NDArray[np.int64], seeds: Sequence[int]) -> None:
@@ -307,7 +308,7 @@ class Worlds:
             _Described.of(self._whole.copy(), self._real.copy()),
             step.active,
             step.stale,
-            self._report(),
+            self._report() | self._true_state(self._commanded),
         )
 
     def info_of(self, step: Step, agent: int) -> dict[str, Any]:
@@ -321,7 +322,8 @@ class Worlds:
             {
                 group: {name: array[:, agent] for name, array in entries.items()}
                 for group, entries in self._report().items()
-            },
+            }
+            | self._true_state(self.task.first_commanded + agent),
         )
 
     def info_of_one(self, step: Step, agent: int) -> dict[str, Any]:
@@ -338,21 +340,29 @@ class Worlds:
                     for name, array in entries.items()
                 }
                 for group, entries in self._report().items()
-            },
+            }
+            | self._true_state_of_one(self.task.first_commanded + agent),
         )
 
     def _report(self) -> dict[str, dict[str, NDArray[Any]]]:
         """What else there is to report: group to name to (worlds, agents, ...), new arrays."""
         stored = {} if self._storage is None else self._storage.report()
-        return self.task.report(self.state) | self._true_state() | stored | self._orbit()
+        return self.task.report(self.state) | stored | self._orbit()
 
-    def _true_state(self) -> dict[str, dict[str, NDArray[Any]]]:
-        """How the commanded craft truly move; nothing where nothing flies, no place where they only turn."""
+    def _true_state(self, craft: int | slice) -> dict[str, dict[str, NDArray[Any]]]:
+        """How craft truly move, (worlds, ...); nothing where nothing flies, no place where they only turn."""
         if not self.task.flies:
             return {}
-        rows = self.fleet.read(at.POSITION, 13)[:, self._commanded]
-        names = _MOTION if self.task.translates else _TURNING
-        return {"state": {name: rows[..., part] for name, part in names.items()}}
+        rows, names = self.fleet.read(at.POSITION, 13)[:, craft], self._state_names
+        return {"state": {name: rows[..., part] for name, part in names}}
+
+    def _true_state_of_one(self, craft: int) -> dict[str, dict[str, NDArray[Any]]]:
+        """The same of one craft of the first world, without the axis of the worlds."""
+        if not self.task.flies:
+            return {}
+        block, lane = divmod(craft, self.fleet.lanes)
+        row = self.fleet.data[block, at.POSITION : at.POSITION + 13, lane].copy()
+        return {"state": {name: row[part] for name, part in self._state_names}}
 
     def _orbit(self) -> dict[str, dict[str, NDArray[Any]]]:
         """Where a fleet stands on its orbit; nothing where it turns steadily, or nothing flies."""
