@@ -113,8 +113,9 @@ class ActiveDiagnosisEnv(TaskEnv):
       the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset, the pilot's and those of the tests.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
-      thruster alone), times the share of the time without a fault in which none was declared; so far.
-    - `success`: whether what was declared last is right, without a false alarm on the way.
+      thruster alone), times the share of the time without a fault in which none was declared; so far. 0 for
+      a flight that is lost.
+    - `success`: whether what was declared last is right, without a false alarm on the way and without a loss.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `state`: how the craft truly moves: `position` (m) and `velocity` (m/s) in LVLH axes, `attitude` from
       LVLH to the body (scalar first), `rate` (rad/s, inertial, body axes).
