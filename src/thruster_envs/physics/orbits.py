@@ -25,10 +25,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics.attitude import conjugate, follow_orbit, quaternion_product
 from thruster_envs.spacecraft.orbit import EARTH_MU, Orbit
 
