@@ -14,7 +14,8 @@ of one and in a batch of thousands; the logarithm and the sine are polynomials o
 """
 
 import numpy as np
-from numba import njit
+
+from thruster_envs.helpers import njit
 
 _ROUND_0 = np.uint64(0xD2E7470EE14C6C93)
 _ROUND_1 = np.uint64(0xCA5A826395121157)

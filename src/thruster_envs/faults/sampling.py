@@ -7,10 +7,10 @@ that the faults of an episode are a function of the world's seed and of the numb
 import math
 
 import numpy as np
-from numba import njit
 
 from thruster_envs.faults import distribution as table
 from thruster_envs.faults import encoding as code
+from thruster_envs.helpers import njit
 from thruster_envs.random import FAULTS, SENSOR_FAULTS, philox, uniform_pair
 
 _KINDS = table.SEVERITY_LOW - table.KIND_CUMULATIVE

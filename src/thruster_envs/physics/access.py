@@ -3,9 +3,9 @@
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import rotate
 

@@ -13,7 +13,7 @@ Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration", IV.7 (Magnus
 "Lie-group methods".
 """
 
-from numba import njit
+from thruster_envs.helpers import njit
 
 
 @njit(forceinline=True)

@@ -8,8 +8,7 @@ mass stay where they are.
 
 import math
 
-from numba import njit
-
+from thruster_envs.helpers import njit
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.attitude import normalised, rate_step, rotate_back, turn
 from thruster_envs.physics.orbits import (

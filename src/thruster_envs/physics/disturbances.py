@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics.orbits import orbit_radius
 from thruster_envs.random import cos_sin_turns
 from thruster_envs.spacecraft import Spacecraft

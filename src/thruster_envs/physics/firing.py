@@ -19,7 +19,7 @@ The helpers here work on one block of craft at a time: arrays of shape (rows, la
 arithmetic across lanes so that the loops vectorise; what is rare (a fault) is done lane by lane.
 """
 
-from numba import njit
+from thruster_envs.helpers import njit
 
 #: Corners that one thruster's level can have in a period when its valve has delays or ramps, and without
 #: them; corners of one fault.

@@ -13,7 +13,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.faults import (
@@ -28,6 +27,7 @@ from thruster_envs.faults import (
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.kinds import GYRO_KINDS, WHEEL_KINDS
 from thruster_envs.faults.sampling import draw_faults
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
@@ -75,22 +75,19 @@ from thruster_envs.threads import physical_cores, run_shared
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_NO_ELLIPSES = np.empty((0, len(Ellipse._fields)))
-
 #: Threads pay from this many craft on.
 MANY_CRAFT = 1024
 
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """Encoded faults of a world: the rows (craft, slots, 13), or the table from which they are drawn.
+    """Encoded faults of a world: the rows (craft, slots, 13), and the table from which they are drawn, if so.
 
     ``of_sensors`` says whether some are, or may be, faults of sensors.
     """
 
     rows: FloatArray
-    table: FloatArray
-    drawn: bool
+    table: FloatArray | None
     of_sensors: bool
 
 
@@ -235,7 +232,7 @@ class Fleet:
                     wheels=self.rows.number_of_wheels,
                     gyros=self.rows.number_of_gyros,
                 ),
-                np.zeros(1),
+                None,
             )
             dwelling = [fault.profile_time for fault in source if fault.profile == "intermittent"]
             shortest, waves = min(dwelling, default=math.inf), bool(dwelling)
@@ -245,7 +242,7 @@ class Fleet:
                 f"profile_time of an intermittent fault must be at least the control period, {period:g} s, "
                 f"got {shortest:g} s"
             )
-        return FaultPlan(rows, table, isinstance(source, FaultDistribution), of_sensors)
+        return FaultPlan(rows, table, of_sensors)
 
     def _check_kinds(self, source: Sequence[Fault] | FaultDistribution) -> None:
         if isinstance(source, FaultDistribution):
@@ -299,10 +296,14 @@ class Fleet:
             faults: What they carry, or from what it is drawn, as :meth:`plan` gives it.
         """
         self.sensors_fail |= faults.of_sensors
+        rows = faults.rows[np.newaxis]
+        if faults.table is not None:
+            rows = np.empty((len(which), *faults.rows.shape))
+            _draw(rows, faults.table, self.rows.thrusters, which, keys, episodes)
         _begin(
             self.arrays, self.vehicle, which, (keys, episodes),
-            (self.craft, self.spacecraft.mass, self.wrenches, self._tilts, self._elements),
-            (faults.rows, faults.table, faults.drawn), (self.sensor_faults, self.sensors_fail),
+            (self.craft, self.spacecraft.mass, self.wrenches, self._tilts, self._elements), rows,
+            (self.sensor_faults, self.sensors_fail),
         )  # fmt: skip
         if self.storage_faults is not None:
             _begin_storage(
@@ -319,13 +320,13 @@ class Fleet:
         if self.sensors_fail:
             apply_first_sensor_faults(self.arrays, self.sensor_faults, self.vehicle, which, self.craft)
 
-    def ellipses(self) -> FloatArray:
-        """The orbit of each world as it is now: (worlds, 7), or (0, 7) where LVLH turns steadily.
+    def ellipses(self) -> FloatArray | None:
+        """The orbit of each world as it is now: (worlds, 7), or None where LVLH turns steadily.
 
         In the order of :class:`.orbits.Ellipse`. With J2 it is the osculating one.
         """
         if self.steady:
-            return _NO_ELLIPSES
+            return None
         ellipses = np.empty((self.worlds, len(Ellipse._fields)))
         _find_ellipses(self.data, self.vehicle, self.craft, ellipses)
         return ellipses
@@ -538,21 +539,24 @@ def check_flyable(spacecraft: Spacecraft, max_substep: float | None = None) -> N
 
 
 @kernel
-def _begin(arrays, parts, which, seeds, nominal, plan, of_sensors):
-    batch = open_batch(arrays)
-    data, faults, streams, storage_faults = batch.data, batch.faults, batch.streams, batch.storage_faults
-    (keys, episodes), (encoded, table, drawn) = seeds, plan
-    craft, mass, wrenches, tilts, elements = nominal
-    sensor_faults, sensors_fail = of_sensors
-    at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], encoded.shape[2]
-    slots = faults.shape[2]
-    fresh = np.zeros((craft, slots, width))
+def _draw(rows, table, thrusters, which, keys, episodes):
+    """Draw the faults of some worlds: ``rows`` (k, craft, slots, 13), filled."""
     for k in range(which.shape[0]):
         world = which[k]
-        if drawn:
-            draw_faults(fresh, table, n, episodes[world], keys[world, 0], keys[world, 1])
-        else:
-            fresh[:] = encoded
+        draw_faults(rows[k], table, thrusters, episodes[world], keys[world, 0], keys[world, 1])
+
+
+@kernel
+def _begin(arrays, parts, which, seeds, nominal, rows, of_sensors):
+    """Begin an episode in some worlds; ``rows`` are their encoded faults, or the one set that all have."""
+    batch = open_batch(arrays)
+    data, faults, streams, storage_faults = batch.data, batch.faults, batch.streams, batch.storage_faults
+    (keys, episodes), (craft, mass, wrenches, tilts, elements) = seeds, nominal
+    sensor_faults, sensors_fail = of_sensors
+    at_rows, n, lanes, width = open_vehicle(parts).rows, wrenches.shape[0], data.shape[2], rows.shape[3]
+    slots = faults.shape[2]
+    for k in range(which.shape[0]):
+        world, fresh = which[k], rows[k if rows.shape[0] > 1 else 0]
         for c in range(craft):
             b, w = (world * craft + c) // lanes, (world * craft + c) % lanes
             streams[b, at.KEY_LOW, w], streams[b, at.KEY_HIGH, w] = keys[world, 0], keys[world, 1]

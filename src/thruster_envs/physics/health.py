@@ -14,10 +14,9 @@ s of the episode. Flight kernels, the oracle view, pictures and the studies of d
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.kinds import CODES, SPIKE_PROBABILITY, check_kind
+from thruster_envs.helpers import njit
 from thruster_envs.physics import rows as at
 
 # Reading one --------------------------------------------------------------------------------------------

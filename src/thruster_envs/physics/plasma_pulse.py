@@ -26,10 +26,10 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs.configuration import require
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.spacecraft import Discharge
 

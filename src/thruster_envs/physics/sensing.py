@@ -18,9 +18,9 @@ episode there is nothing to hold yet. Leaves out time correlation.
 import math
 
 import numpy as np
-from numba import njit
 
 from thruster_envs.faults import encoding as code
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at

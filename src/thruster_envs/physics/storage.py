@@ -15,9 +15,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics import health
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.actuators import gyros as gyro

@@ -13,9 +13,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics import firing
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.actuators import gyros as gyro

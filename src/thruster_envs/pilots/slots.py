@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.access import attitude_error, place, rate_error, turning_of_frame

@@ -18,9 +18,9 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
@@ -329,7 +329,7 @@ def _place_slots(world, phase, step, parameters, ellipses, slots):
     craft, n = slots.shape[0], parameters.mean_motion
     for c in range(craft):
         behind = phase + 2.0 * math.pi * c / craft
-        if ellipses.shape[0] > 0:
+        if ellipses is not None:
             ellipse = open_ellipse(ellipses[world])
             place_and_speed = _elliptic_slot(behind + ellipse.angle, parameters.radius, ellipse)
         else:

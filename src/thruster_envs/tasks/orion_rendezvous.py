@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.kernels import kernel
 from thruster_envs.observations import Field
 from thruster_envs.physics import rows as at
@@ -213,7 +213,7 @@ class OrionRendezvous(Task):
         fleet, statistics = self.make_fleet(worlds, threads), np.zeros((worlds, len(Statistics._fields)))
         return RendezvousState(fleet, statistics, self._model(fleet.ellipses()))
 
-    def _model(self, ellipses: FloatArray) -> RendezvousModel:
+    def _model(self, ellipses: FloatArray | None) -> RendezvousModel:
         vehicle = self.vehicle
         authority = vehicle.authority()
         # What a thruster-second and a rad/s are worth in m/s: the exchange rates between fuel and motion.
@@ -281,7 +281,7 @@ class OrionRendezvous(Task):
 @kernel
 def _delta_v(r, v, time_to_go, n, ellipses, world):
     """Delta-v to go, m/s, about a circular orbit, or about the ellipse of a world where there are some."""
-    if ellipses.shape[0] == 0:
+    if ellipses is None:
         return delta_v_to_go(r, v, time_to_go, n)
     return elliptic_delta_v_to_go(r, v, time_to_go, open_ellipse(ellipses[world]))
 

@@ -366,9 +366,10 @@ class Worlds:
 
     def _orbit(self) -> dict[str, dict[str, NDArray[Any]]]:
         """Where a fleet stands on its orbit; nothing where it turns steadily, or nothing flies."""
-        if self.fleet.steady or not self.task.flies:
+        ellipses = self.fleet.ellipses() if self.task.flies else None
+        if ellipses is None:
             return {}
-        ellipses, orbit = self.fleet.ellipses(), self.task.vehicle.reference_orbit
+        orbit = self.task.vehicle.reference_orbit
         anomaly = ellipses[:, _ANOMALY, np.newaxis]
         if orbit.j2 > 0.0:  # the osculating perigee wanders, and a circle has none
             turned = ellipses[:, _ANGLE, np.newaxis] - orbit.argument_of_perigee

@@ -12,7 +12,7 @@ Source: Wie 2008, "Space Vehicle Dynamics and Control", section 7.4.
 
 import math
 
-from numba import njit
+from thruster_envs.helpers import njit
 
 # Columns of the constants of a gyro: gimbal axis, spin axis at the gimbal angle zero, the product of the two
 # (all unit vectors in the body), momentum of the rotor in N m s, largest gimbal rate in rad/s.

@@ -14,7 +14,7 @@ Source: Hughes 1986, "Spacecraft Attitude Dynamics", section 6.4 (gyrostats).
 
 import math
 
-from numba import njit
+from thruster_envs.helpers import njit
 
 # Columns of the constants of a wheel: axis in the body, inertia of the rotor about it in kg m^2, largest
 # torque in N m, largest speed in rad/s, dry friction in N m, viscous friction in N m s.

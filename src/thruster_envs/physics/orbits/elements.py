@@ -3,8 +3,7 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from thruster_envs.helpers import njit
 from thruster_envs.physics.orbits.kinds import ellipse_of
 from thruster_envs.physics.orbits.motion import eccentric_anomaly, frame_motion
 from thruster_envs.spacecraft.orbit import Orbit

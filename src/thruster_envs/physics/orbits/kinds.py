@@ -3,8 +3,7 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from thruster_envs.helpers import njit
 from thruster_envs.spacecraft.orbit import EARTH_MU, Orbit
 
 

@@ -1,8 +1,8 @@
 """Kepler's equation, how LVLH moves, and free relative acceleration, for each kind of orbit."""
 
 import numpy as np
-from numba import njit
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics.attitude import quaternion_product
 from thruster_envs.physics.orbits.kinds import Motion, OblateMotion
 

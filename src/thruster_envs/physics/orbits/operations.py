@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
 from numba.extending import overload
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics.attitude import conjugate, follow_orbit, quaternion_product
 from thruster_envs.physics.orbits.elements import since_perigee
 from thruster_envs.physics.orbits.kinds import Circular, Ellipse, Elliptic, Hill, LinearElliptic, Oblate

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from thruster_envs.helpers import njit
 from thruster_envs.physics.orbits.kinds import ellipse_of
 from thruster_envs.physics.orbits.motion import frame_motion
 from thruster_envs.spacecraft.orbit import Orbit
