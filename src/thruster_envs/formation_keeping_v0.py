@@ -40,7 +40,7 @@ class FormerFormationParallelEnv(TaskParallelEnv):
 def parallel_env(**kwargs: Any) -> FormerFormationParallelEnv:
     """All agents act at once; arguments as in :mod:`thruster_envs.formation_keeping_v1`."""
     warnings.warn(
-        f"{ID} is out of date; formation_keeping_v1 has a reward that no loss can raise",
+        f"{ID} is out of date; use formation_keeping_v1, whose reward no loss can raise",
         DeprecationWarning,
         stacklevel=2,
     )

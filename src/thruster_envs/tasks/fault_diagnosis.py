@@ -408,7 +408,7 @@ class FaultDiagnosis(Task):
     def truth(self, state: DiagnosisState) -> Truth:
         """The score is the mean credit under a fault times the share of other time without a false alarm."""
         fuel, score, success = np.empty((3, state.fleet.worlds, 1))
-        _rate(state.fleet.data, state.statistics, state.declared, fuel, score, success)
+        _rate(state.fleet.data, state.statistics, state.declared, self.loss() > 0.0, fuel, score, success)
         return Truth(fuel, score, success)
 
     def report(self, state: DiagnosisState) -> dict[str, dict[str, NDArray[Any]]]:
@@ -622,8 +622,8 @@ def _evaluate_flight(data, streams, numbers, slots, declared, statistics, first,
 
 
 @kernel
-def _rate(data, statistics, declared, fuel, score, success):
-    """Fuel, score and success of every world, (worlds, 1) each."""
+def _rate(data, statistics, declared, flown, fuel, score, success):
+    """Fuel, score and success of every world, (worlds, 1) each; none for a loss where the agent has flown."""
     episode = open_statistics(statistics)
     for world in range(statistics.shape[0]):
         b, w = place(world, 0, 1, data.shape[2])
@@ -631,7 +631,7 @@ def _rate(data, statistics, declared, fuel, score, success):
         faulty, healthy = episode.faulty_steps[world], episode.healthy_steps[world]
         credit = episode.credit[world] / faulty if faulty > 0.0 else 1.0
         no_alarm = 1.0 - episode.false_steps[world] / healthy if healthy > 0.0 else 1.0
-        begun = faulty + healthy > 0.0
+        begun = faulty + healthy > 0.0 and not (flown and episode.over[world] > 0.0)
         right = declared[world, 0] == 0
         if episode.under_fault[world] > 0.0:
             right = episode.identified[world] > 0.0

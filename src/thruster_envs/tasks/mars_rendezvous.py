@@ -563,9 +563,15 @@ def _start(data, streams, columns, which, numbers, half_widths, arms, sky, branc
 
 @njit
 def _potential(data, b, w, parameters):
-    """Minus the distance to the target, in shares of that at the start."""
+    """Minus the distance to the target, in shares of that at the start.
+
+    Who is ahead of the nominal approach gains nothing by it, but in v0.
+    """
     r = (data[b, 0, w], data[b, 1, w], data[b, 2, w])
-    return -_length(r) / parameters.distance
+    share = _length(r) / parameters.distance
+    if parameters.former > 0.0:
+        return -share
+    return -max(share, 1.0 - data[b, at.STEP, w] * parameters.period / parameters.nominal)
 
 
 @kernel
@@ -653,7 +659,7 @@ def _evaluate_step(data, numbers, sights, estimate, statistics, first, last):
             end = _RETREATED
         elif data[b, at.STEP, w] >= parameters.steps:
             end = _TIMED_OUT
-        potential = -distance / parameters.distance
+        potential = _potential(data, b, w, parameters)
         fired = data[b, at.OPEN_TIME, w] - episode.open_time[world]
         economy = min(1.0, parameters.reference / max(data[b, at.OPEN_TIME, w], 1e-9))
         if parameters.former > 0.0:
@@ -693,7 +699,7 @@ def _evaluate_step(data, numbers, sights, estimate, statistics, first, last):
         episode.end[world] = end
         episode.over[world] = 1.0 if end > _RUNNING else 0.0
         episode.success[world] = 1.0 if end == _CAPTURED else 0.0
-        score = 0.25 * max(0.0, 1.0 + potential)
+        score = 0.25 * max(0.0, 1.0 - distance / parameters.distance)
         if end == _CAPTURED:
             score = 0.5 + 0.5 * economy
         elif end == _RETREATED:

@@ -113,8 +113,9 @@ class ActiveDiagnosisEnv(TaskEnv):
       the one before it is seen once more.
     - `fuel`: thruster-seconds of open valve since the reset, the pilot's and those of the tests.
     - `score`: the mean credit for what was declared while a fault acted (1 for thruster and mode, 0.5 for the
-      thruster alone), times the share of the time without a fault in which none was declared; so far.
-    - `success`: whether what was declared last is right, without a false alarm on the way.
+      thruster alone), times the share of the time without a fault in which none was declared; so far. 0 for
+      a flight that is lost.
+    - `success`: whether what was declared last is right, without a false alarm on the way and without a loss.
     - `is_success`: the same, under the name from which Stable-Baselines3 logs a success rate.
     - `diagnosis`: `detected`, `delay`, `false_alarms`, `isolated`, `identified`, `thruster` and `mode` as in
       `FaultDiagnosis-v1`; `tested`: test pulses fired since the reset, thruster-seconds.

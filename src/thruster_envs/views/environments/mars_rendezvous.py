@@ -78,12 +78,12 @@ class MarsRendezvousEnv(TaskEnv):
     ## Rewards
 
     With *T* the periods of an episode, *o* the lateral offset, *a* the angle from the attitude of the
-    approach, *w* the body rate, *u* the share of thruster time in which valves were open, *d* the distance
-    and *D* that at the start:
+    approach, *w* the body rate, *u* the share of thruster time in which valves were open, *d* the distance,
+    *D* that at the start and *t* the time since:
 
     reward = -(2 o / (o + 0.25 m) + 0.5 a / (a + 3 deg) + 0.5 w / (w + 0.5 deg/s) + 0.2 u) / T +
     4 (P - P before) + 4 (0.5 + 0.5 economy) [captured] - (3.2 left / T) [ended otherwise] -
-    4 (0.5 + 0.5 badness) [missed or lost], with P = - d / D
+    4 (0.5 + 0.5 badness) [missed or lost], with P = - max(d / D, 1 - t / (200 s))
 
     | Term | What | In a period | In an episode |
     |---|---|---|---|
@@ -97,8 +97,8 @@ class MarsRendezvousEnv(TaskEnv):
     - `corridor`: of the way off the V-bar
     - `attitude`: of bad pointing and of turning
     - `fuel`: of open valves
-    - `progress`: of the distance gained; its terms sum to 4 times the difference of the potential's ends, of
-      which the last is - (D + 10 m) / D when missed or lost
+    - `progress`: of the distance gained, as far as it is not ahead of the nominal approach; its terms sum to
+      4 times the difference of the potential's ends, the last one - (D + 10 m) / D when missed or lost
     - `capture`: the more the fewer the thruster-seconds; the nominal ones are those of an open rate of 0.1 in
       all thrusters for the nominal time, 200 s
     - `lost`: at any end but a capture, what the periods left could have cost; and if the capture plane is

@@ -73,12 +73,12 @@ class PulseDiagnosisEnv(TaskEnv):
     - `false_alarm`: - `false_alarm_cost` / 64 where a healthy pulse was declared faulty
     - `wrong_name`: - `wrong_name_cost` / 64 where a faulty pulse was declared to have another fault
 
-    | Term | In a period | In an episode |
-    |---|---|---|
-    | `right` | 0 to 0.016 | 0 to 1 |
-    | `delay` | -0.016 to 0 | -1 to 0 |
-    | `false_alarm` | -0.031 to 0 | -2 to 0 |
-    | `wrong_name` | -0.008 to 0 | -0.5 to 0 |
+    | Term | What | In a period | In an episode |
+    |---|---|---|---|
+    | `right` | `right_worth` / 64 | 0 to 0.016 | 0 to 1 |
+    | `delay` | - `delay_cost` / 64 | -0.016 to 0 | -1 to 0 |
+    | `false_alarm` | - `false_alarm_cost` / 64 | -0.031 to 0 | -2 to 0 |
+    | `wrong_name` | - `wrong_name_cost` / 64 | -0.008 to 0 | -0.5 to 0 |
 
     Nothing can be lost, and no episode ends early. To declare every pulse healthy returns 1 without a fault,
     which is the most there is, and 0.2 on average with those of the default.
