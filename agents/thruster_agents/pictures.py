@@ -1,10 +1,11 @@
-"""The two pictures of a run: how the policies learned, and how all methods compare."""
+"""Pictures of runs: how the policies learned, and how all methods compare."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,7 +15,7 @@ from thruster_agents.evaluation.table import Row
 from thruster_agents.files import write_whole
 from thruster_agents.ppo.checkpoint import Point
 
-__all__ = ["draw_comparison", "draw_learning_curve"]
+__all__ = ["Bars", "draw_comparison", "draw_learning_curve", "draw_scores"]
 
 _LEARNED, _OTHER, _ORACLE = "#1f6fb4", "#9aa5b1", "#3c4650"
 
@@ -102,6 +103,52 @@ def draw_comparison(path: Path, rows: Sequence[Row], scenarios: Sequence[Scenari
         _clean(panel, across=True)
     panels[0].set_yticks(list(places), [row.title for row in rows])
     panels[0].invert_yaxis()
+    _save(figure, path)
+
+
+class Bars(NamedTuple):
+    """A panel of :func:`draw_scores`.
+
+    Attributes:
+        title: Of the panel.
+        methods: Names, from the top.
+        scores: By scenario, for each method the mean score and both ends of its interval.
+        learnt: Which methods were learnt.
+    """
+
+    title: str
+    methods: Sequence[str]
+    scores: Mapping[str, Sequence[tuple[float, float, float]]]
+    learnt: Sequence[bool]
+
+
+def draw_scores(path: Path, panels: Sequence[Bars]) -> None:
+    """Mean scores with their intervals, a panel for each task; a paler bar for each further scenario."""
+    columns = min(2, len(panels))
+    lines = -(-len(panels) // columns)
+    figure = Figure(figsize=(6.4 * columns, 2.5 * lines + 0.6), layout="constrained")
+    every = figure.subplots(lines, columns, squeeze=False).flatten()
+    for axes, panel in zip(every, panels, strict=False):
+        height = 0.8 / len(panel.scores)
+        for number, (scenario, cells) in enumerate(panel.scores.items()):
+            for place, (mean, low, high) in enumerate(cells):
+                where = place + (number - 0.5 * (len(panel.scores) - 1)) * height
+                colour = _LEARNED if panel.learnt[place] else _OTHER
+                axes.barh(where, mean, color=colour, height=height, alpha=1.0 / (1.0 + number))
+                axes.errorbar(
+                    mean, where, xerr=[[mean - low], [high - mean]], color="black", linewidth=1.0, capsize=2.0
+                )
+                axes.annotate(
+                    f"{mean:.2f} {scenario}", (high, where), xytext=(4, 0), textcoords="offset points",
+                    va="center", fontsize=7.5,
+                )  # fmt: skip
+        axes.set(title=panel.title, xlim=(0.0, 1.3), xlabel="mean score, test seeds")
+        axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0])
+        axes.set_yticks(range(len(panel.methods)), list(panel.methods))
+        axes.invert_yaxis()
+        _clean(axes, across=True)
+    for axes in every[len(panels) :]:
+        axes.set_visible(False)
     _save(figure, path)
 
 

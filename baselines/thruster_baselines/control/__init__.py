@@ -23,6 +23,7 @@ from thruster_baselines.control.observed import Measured, ObservationReader
 from thruster_baselines.control.quaternion_team import QuaternionTeam
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.control.rendezvous_policy import RendezvousCommandPolicy, RendezvousPolicy
+from thruster_baselines.control.slot_controller import SlotController
 from thruster_baselines.control.valve_allocation import ValveAllocation, ValveBelief, authority_left
 from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing, balanced_groups
 
@@ -47,6 +48,7 @@ __all__ = [
     "RendezvousController",
     "RendezvousPolicy",
     "RendezvousSettings",
+    "SlotController",
     "ThrusterBelief",
     "ValveAllocation",
     "ValveBelief",

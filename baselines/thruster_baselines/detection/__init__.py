@@ -29,6 +29,7 @@ from thruster_baselines.detection.evaluate import (
     evaluate,
     table,
 )
+from thruster_baselines.detection.evidence import EvidenceObservation, VectorEvidenceObservation
 from thruster_baselines.detection.filter_bank import FilterBank
 from thruster_baselines.detection.flights import Flights, FlightSource, RandomFlights
 from thruster_baselines.detection.glr import GLRDetector
@@ -55,6 +56,7 @@ __all__ = [
     "EnvironmentFlights",
     "EstimatorThreshold",
     "Evaluation",
+    "EvidenceObservation",
     "FilterBank",
     "FilterSettings",
     "Firings",
@@ -75,6 +77,7 @@ __all__ = [
     "Severity",
     "SingleChiSquared",
     "Telemetry",
+    "VectorEvidenceObservation",
     "Verdict",
     "WindowedGLR",
     "by_model_comparison",
