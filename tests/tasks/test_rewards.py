@@ -82,7 +82,7 @@ CASES = {
         drifts=True,
     ),
     "MarsRendezvous": Case(
-        MarsRendezvous(), flights.capture, flights.stop_at(8.0), 
+        MarsRendezvous(), flights.capture, flights.stop_at(8.0),
         (spin_up, flights.pass_by(1.0), flights.rush(0.5)), WEAK,
         drifts=True,
     ),
