@@ -70,7 +70,7 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     unknown = [name for name in options.sections if name not in SECTIONS]
     if unknown:
-        parser.error(f"sections must be of {', '.join(SECTIONS)}, got {unknown[0]!r}")
+        parser.error(f"there is no section {unknown[0]!r}; one of {', '.join(SECTIONS)} would be right")
     effort = dataclasses.replace(QUICK if options.quick else Effort(), processor_time=options.processor_time)
     folder = options.output
     if folder is None and not options.sections and not options.quick:

@@ -147,7 +147,7 @@ def farthest(craft: Vehicle, effectiveness: Array, direction: Array) -> Array:
     )
     if (report[:, 0] != OPTIMAL).any():
         raise RuntimeError(
-            f"all directions must be solved, got {np.count_nonzero(report[:, 0])} that are not"
+            f"{np.count_nonzero(report[:, 0])} directions were not solved; none would be right"
         )
     missed = (np.abs(slack) / craft.authority).max(axis=1) > _UNREACHABLE
     most: Array = np.where(missed, 0.0, start - on_times[:, n])

@@ -84,7 +84,7 @@ def _coupling() -> float:
     """Share of thrust lost per further thruster open, of Orion's feed."""
     coupling = load("orion").feed.coupling
     if not isinstance(coupling, float):
-        raise TypeError(f"coupling of Orion must be one number, got {coupling!r}")
+        raise TypeError(f"coupling of Orion is {coupling!r}; one number would be right")
     return coupling
 
 

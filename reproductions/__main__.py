@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
             return 2
         return 0
     if options.processes < 1:
-        parser.error(f"--processes must be at least 1, got {options.processes}")
+        parser.error(f"--processes is {options.processes}; one or more would be right")
     folder = options.output or (None if options.quick else RESULTS)
     try:
         wanted = chosen(options.ids, find_all())

@@ -95,7 +95,7 @@ class Table:
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.head):
                 raise ValueError(
-                    f"row {number} of {self.title!r} must have {len(self.head)} cells, got {len(row)}"
+                    f"row {number} of {self.title!r} has {len(row)} cells; {len(self.head)} would be right"
                 )
 
 
@@ -127,9 +127,9 @@ class Finding:
 
     def __post_init__(self) -> None:
         if not self.checks:
-            raise ValueError("checks must have one part of the criterion or more, got none")
+            raise ValueError("checks is empty; one part of the criterion or more would be right")
         if self.correction and self.not_reproducible:
-            raise ValueError("correction or not_reproducible must be given, got both")
+            raise ValueError("correction and not_reproducible are both given; one of them would be right")
 
     @property
     def verdict(self) -> Verdict:

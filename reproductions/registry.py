@@ -49,7 +49,8 @@ def _collect(those: Iterable[Reproduction], found: dict[str, Reproduction]) -> N
     for one in those:
         if one.id in found:
             raise ValueError(
-                f"every id must be of one study, got {one.id} of {one.title!r} and of {found[one.id].title!r}"
+                f"the id {one.id} is that of {one.title!r} and of {found[one.id].title!r}; an id of its own "
+                "would be right"
             )
         found[one.id] = one
 

@@ -21,7 +21,7 @@ def test_runs_with_different_seeds_share_no_world():
 @pytest.mark.parametrize(
     ("seed", "worlds", "message"),
     [
-        (-1, 100, "seed must be a whole number from 0 to 9999 with 100 worlds, got -1"),
+        (-1, 100, "seed is -1; with 100 worlds, a whole number from 0 to 9999 would be right"),
         (10_000, 100, "seed is 10000; with 100 worlds, a whole number from 0 to 9999"),
         (10**400, 100, f"seed is 1{'0' * 76}...; with 100 worlds"),
         (10**5000, 100, "seed is <int of 16610 bits>; with 100 worlds"),

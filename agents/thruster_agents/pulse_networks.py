@@ -55,7 +55,7 @@ class WaveformScores:
         """
         stacked = _stacked(voltage, current, errors)
         if len(stacked) <= count:
-            raise ValueError(f"there must be more than {count} pulses, got {len(stacked)}")
+            raise ValueError(f"there are {len(stacked)} pulses; more than {count} would be right")
         mean = stacked.mean(axis=0)
         apart = stacked - mean
         _, mixtures = np.linalg.eigh(apart @ apart.T)
@@ -71,8 +71,8 @@ def _stacked(voltage: ArrayLike, current: ArrayLike, errors: tuple[float, float]
     v, i = np.asarray(voltage, np.float64), np.asarray(current, np.float64)
     if v.ndim != 2 or v.shape != i.shape:
         raise ValueError(
-            f"voltage must be the same (pulses, samples) for both, got the shape {v.shape} and current "
-            f"{i.shape}"
+            f"voltage has the shape {v.shape} and current {i.shape}; the same (pulses, samples) for both "
+            "would be right"
         )
     return np.concatenate((v / errors[0], i / errors[1]), axis=1)
 

@@ -32,11 +32,11 @@ def clopper_pearson(successes: int, trials: int, confidence: float = 0.95) -> tu
 
     successes, trials = operator.index(successes), operator.index(trials)
     if trials < 1:
-        raise ValueError(f"trials must be at least 1, got {trials}")
+        raise ValueError(f"trials is {trials}; one or more would be right")
     if not 0 <= successes <= trials:
-        raise ValueError(f"successes must be 0 to {trials}, got {successes} of {trials} trials")
+        raise ValueError(f"successes is {successes} of {trials} trials; 0 to {trials} would be right")
     if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+        raise ValueError(f"confidence is {confidence}; between 0 and 1 would be right")
     tail = 0.5 * (1.0 - confidence)
     failures = trials - successes
     low = 0.0 if successes == 0 else float(betaincinv(successes, failures + 1, tail))

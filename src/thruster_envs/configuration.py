@@ -6,7 +6,7 @@ calls `coerce_fields(self)` first in its `__post_init__` accepts the same loose 
 whole numbers for floats, NumPy scalars and arrays) when it is built directly. Fields hold Python's own types:
 a NumPy number or a member of an `Enum` with a value of such a type becomes that type.
 
-Every problem is a `ValueError` of one line: where it stands, what it must be, the value.
+Every problem is a `ValueError` of one line: the value, where it stands, what would be right.
 
 Left out: defaults that depend on other fields, inheritance between mappings, any file format.
 """
@@ -87,7 +87,9 @@ def to_mapping(configuration: Any) -> dict[str, Any]:
     {'width': 2.0}
     """
     if not dataclasses.is_dataclass(configuration) or isinstance(configuration, type):
-        raise ValueError(f"configuration must be an instance of a dataclass, got {shown(configuration)}")
+        raise ValueError(
+            f"{shown(configuration)} is not a configuration; a dataclass instance would be right"
+        )
     return dataclasses.asdict(configuration)
 
 
@@ -141,17 +143,17 @@ def require(condition: bool, what: str, value: object, right: str) -> None:
         condition: Whether the value is right.
         what: What it is and where it stands.
         value: The value.
-        right: What it must be.
+        right: What would be right.
 
     Raises:
-        ValueError: "`what` must be `right`, got `value`".
+        ValueError: "`what` is `value`; `right` would be right".
 
     >>> require(False, "mass", -1.0, "a positive number of kg")
     Traceback (most recent call last):
-    ValueError: mass must be a positive number of kg, got -1.0
+    ValueError: mass is -1.0; a positive number of kg would be right
     """
     if not condition:
-        raise ValueError(f"{what} must be {right}, got {shown(value)}")
+        raise ValueError(f"{what} is {shown(value)}; {right} would be right")
 
 
 def shown(value: object, longest: int = 80) -> str:
@@ -253,13 +255,13 @@ def _coerced_tuple(item_types: Sequence[Any], value: Any, where: str) -> tuple[A
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray | memoryview):
-        raise ValueError(f"{where} must be a list, got {shown(value)}")
+        raise ValueError(f"{where} is {shown(value)}; a list would be right")
     if isinstance(value, range) and value[_LONGEST_RANGE:]:
         raise ValueError(f"{where} must have at most {_LONGEST_RANGE:,} entries, got {shown(value)}")
     if len(item_types) == 2 and item_types[1] is Ellipsis:
         item_types = [item_types[0]] * len(value)
     if len(value) != len(item_types):
-        raise ValueError(f"{where} must have {len(item_types)} entries, got {len(value)}")
+        raise ValueError(f"{where} has {len(value)} entries; {len(item_types)} would be right")
     return tuple(
         _coerced(item_type, item, f"{where}, entry {number}")
         for number, (item_type, item) in enumerate(zip(item_types, value, strict=True), start=1)
@@ -268,7 +270,7 @@ def _coerced_tuple(item_types: Sequence[Any], value: Any, where: str) -> tuple[A
 
 def _coerced_dict(item_types: Sequence[Any], value: Any, where: str) -> dict[Any, Any]:
     if not isinstance(value, Mapping):
-        raise ValueError(f"{where} must be a table of keys and values, got {shown(value)}")
+        raise ValueError(f"{where} is {shown(value)}; a table of keys and values would be right")
     key_type, value_type = item_types if item_types else (Any, Any)
     return {
         _coerced(key_type, key, f"{where}, key {shown(key)}"): _coerced(
@@ -282,22 +284,22 @@ def _coerced_scalar(hint: Any, value: Any, where: str) -> Any:
     value = _plain(value)
     if hint is float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{where} must be a number, got {shown(value)}")
+            raise ValueError(f"{where} is {shown(value)}; a number would be right")
         if abs(value) > _LARGEST_FLOAT and not isinstance(value, float):
             raise ValueError(f"{where} must be within +/-{_LARGEST_FLOAT:.2g}, got {shown(value)}")
         if math.isnan(value):
-            raise ValueError(f"{where} must be a number, got NaN")
+            raise ValueError(f"{where} is NaN; a number would be right")
         return float(value)
     if hint is int:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int):
-            raise ValueError(f"{where} must be a whole number, got {shown(value)}")
+            raise ValueError(f"{where} is {shown(value)}; a whole number would be right")
         if not -(2**63) <= value < 2**63:
             raise ValueError(f"{where} must be a whole number of 64 bits, got {shown(value)}")
         return value
     if isinstance(hint, type) and not isinstance(value, hint):
-        raise ValueError(f"{where} must be a value of type {hint.__name__}, got {shown(value)}")
+        raise ValueError(f"{where} is {shown(value)}; a value of type {hint.__name__} would be right")
     return value
 
 

@@ -244,7 +244,9 @@ def fly_missions(
     number = max(counts.values())
     for name, count in counts.items():
         if count not in (1, number):
-            raise ValueError(f"{name} must have an entry for each of the {number} missions, got {count}")
+            raise ValueError(
+                f"{name} has {count} entries; one for each of the {number} missions would be right"
+            )
     keys = [seeds + k for k in range(number)] if isinstance(seeds, (int, np.integer)) else list(seeds)
     keys = keys * number if len(keys) < number else keys
     aims = np.ascontiguousarray(np.broadcast_to(aims, (number, craft, 4)))
@@ -307,15 +309,17 @@ def _aims(targets: ArrayLike, degrees: bool, craft: int) -> FloatArray:
         (), (1,), followers,
     ):  # fmt: skip
         raise ValueError(
-            f"targets must have the shape (3,), ({craft - 1}, 3) or (missions, {craft - 1}, 3), or the same "
-            f"with 4, got {given.shape}"
+            f"targets have the shape {given.shape}; (3,), ({craft - 1}, 3) or (missions, {craft - 1}, 3), or "
+            "the same with 4, would be right"
         )
     if not np.isfinite(given).all():
-        raise ValueError("targets must be finite angles or unit quaternions, got a number that is not finite")
+        raise ValueError(
+            "targets hold a number that is not finite; angles or unit quaternions would be right"
+        )
     if given.shape[-1] == 4:
         length = np.linalg.norm(given, axis=-1, keepdims=True)
         if np.abs(length - 1.0).max() > 1e-3:
-            raise ValueError(f"a target must be a unit quaternion, got the length {length.max():g}")
+            raise ValueError(f"a target has the length {length.max():g}; unit quaternions would be right")
         attitudes = np.where(np.abs(length - 1.0) < 1e-12, given, given / length)
     else:
         attitudes = attitude_of(given, degrees=degrees)

@@ -26,5 +26,5 @@ def first_training_seed(seed: int, worlds: int) -> int:
         raise ValueError(f"worlds must be from 1 to {len(TRAIN)}, got {shown(worlds)}")
     first = TRAIN.start + seed * worlds
     most = len(TRAIN) // worlds - 1
-    require(0 <= seed <= most, "seed", seed, f"a whole number from 0 to {most} with {worlds} worlds")
+    require(0 <= seed <= most, "seed", seed, f"with {worlds} worlds, a whole number from 0 to {most}")
     return first

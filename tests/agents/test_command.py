@@ -62,8 +62,8 @@ def test_a_trained_policy_is_loaded_and_scores_what_the_table_says(run, orion):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("other-v0",), "task_id must be 'thruster_envs/ThrusterMapping-v0', got 'other-v0'"),
-        ((TASK, "belief"), "method must be 'beliefs' or 'duties', got 'belief'"),
+        (("other-v0",), "task_id is 'other-v0'; 'thruster_envs/ThrusterMapping-v0' would be right"),
+        ((TASK, "belief"), "method is 'belief'; 'beliefs' or 'duties' would be right"),
     ],
 )
 def test_what_was_never_trained_is_not_loaded(run, arguments, line):
@@ -82,7 +82,7 @@ def test_what_was_never_trained_is_not_loaded(run, arguments, line):
         (["--spacecraft", "orin"], "orin"),
         (["--discount", "1.5"], "discount must be a number from 0 to 1, got 1.5"),
         (["--learning-rate", "nan"], "learning_rate must be a number from 1e-09 to 10, got nan"),
-        (["--seed", "4000"], "seed must be a whole number from 0 to 3905 with 256 worlds, got 4000"),
+        (["--seed", "4000"], "seed is 4000; with 256 worlds, a whole number from 0 to 3905 would be right"),
         (["--belief-steps", "0", "--duty-steps", "0"], "belief_steps or duty_steps must be above 0, got 0"),
         (["--name", "a/b"], "name must be letters, digits, - and _, at most 100 bytes, got 'a/b'"),
         (["--resume", "nowhere"], "nowhere has no config.json; the folder of a run is needed"),

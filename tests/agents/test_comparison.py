@@ -92,5 +92,5 @@ def test_the_interval_covers_as_often_as_it_says():
 def test_seeds_for_training_validation_and_test_are_disjoint():
     sets = [TRAIN, VALIDATION, TEST]
     assert all(first.stop <= second.start for first, second in pairwise(sets))
-    with pytest.raises(ValueError, match="from 0 to 3905"):
+    with pytest.raises(ValueError, match="from 0 to 3905 would be right"):
         first_training_seed(3906, worlds=256)

@@ -189,9 +189,9 @@ def test_a_weak_thruster_flags_its_pair_alone(high, thruster):
 def test_missions_shorter_than_the_window_are_refused(high):
     whole = _turns(1, 0)
     short = MissionSignals(whole.pulses[:, :250], whole.attitude[:, :251], whole.rate[:, :251])
-    with pytest.raises(ValueError, match="must have 300 steps or more, as the window has, got 250"):
+    with pytest.raises(ValueError, match="have 250 steps; 300 or more, as the window has, would be right"):
         high.residuals(short)
-    with pytest.raises(ValueError, match=r"rate must have the shape \(1, 251, 3\), got \(1, 250, 3\)"):
+    with pytest.raises(ValueError, match=r"rate has the shape \(1, 250, 3\); \(1, 251, 3\) would be right"):
         MissionSignals(whole.pulses[:, :250], whole.attitude[:, :251], whole.rate[:, :250])
 
 
@@ -298,7 +298,7 @@ def test_a_healthy_mission_asks_for_no_waveforms(integrated):
 
 
 def test_a_report_takes_one_mission_and_six_thrusters(integrated, high):
-    with pytest.raises(ValueError, match="mission must be one mission, got 2"):
+    with pytest.raises(ValueError, match="mission has 2 missions; one would be right"):
         integrated.diagnose(_turns(2, 0), [0], _Circuit(np.array([0])))
     with pytest.raises(ValueError, match="numbers from 0 to 5"):
         integrated.diagnose(_turns(1, 0), [6], _Circuit(np.array([6])))
@@ -326,7 +326,7 @@ def test_what_is_saved_comes_back(integrated, healthy, tmp_path):
 def test_files_of_something_else_are_refused(low, high, tmp_path):
     low.save(tmp_path)
     description, weights = tmp_path / "classifier.json", tmp_path / "weights.safetensors"
-    with pytest.raises(ValueError, match="kind must be 'high level', got 'low level'"):
+    with pytest.raises(ValueError, match="kind is 'low level'; 'high level' would be right"):
         HighLevelClassifier.load(tmp_path)
     content = json.loads(description.read_text())
 
@@ -339,10 +339,10 @@ def test_files_of_something_else_are_refused(low, high, tmp_path):
     refused(
         "settings: unknown key 'strid'; did you mean 'stride'", settings=content["settings"] | {"strid": 1}
     )
-    refused("threshold must be a number, got '0.1'", threshold="0.1")
+    refused("threshold is '0.1'; a number would be right", threshold="0.1")
     refused("format is 'other'", format="other")
     other = content["settings"] | {"architecture": {"hidden": [9]}}
-    refused(r"must have the shape \(9,.*, got \(10,.*\)|shape", settings=other)
+    refused(r"has the shape \(10,.*\); \(9,.* would be right|shape", settings=other)
     description.write_text("{")
     with pytest.raises(ValueError, match="is not JSON"):
         LowLevelClassifier.load(tmp_path)
@@ -354,7 +354,7 @@ def test_files_of_something_else_are_refused(low, high, tmp_path):
     weights.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="is not a safetensors file"):
         LowLevelClassifier.load(tmp_path)
-    with pytest.raises(ValueError, match=r"must be the folder of a saved classifier, got .* does not exist"):
+    with pytest.raises(ValueError, match="does not exist; the folder of a saved classifier would be right"):
         LowLevelClassifier.load(tmp_path / "none")
 
 
@@ -374,8 +374,8 @@ def _with_architecture(content, **changes):
         ({"hidden": [10, 10]}, "has the shape"),
         ({"order": 3}, "has the shape"),
         ({"kind": "gru", "hidden": [11]}, "has the shape"),
-        ({"hidden": 1e9}, "a list"),
-        ({"hidden": [[[10]]]}, "a whole number"),
+        ({"hidden": 1e9}, "a list would be right"),
+        ({"hidden": [[[10]]]}, "a whole number would be right"),
         ({"hidden": [float("nan")]}, "NaN is not a number of JSON"),
         ({"hidden": []}, "one size or more"),
         ({"memory": [1.0, 1e400]}, "is not JSON"),

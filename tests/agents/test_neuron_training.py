@@ -101,7 +101,7 @@ def test_other_networks_train_behind_the_same_call(data):
     for network in (StaticNetwork((2, 10, 1)), GRUNetwork(2, 4)):
         record = train(network, *data, TrainingSettings(iterations=3, stop=0.0))
         assert (np.diff(record.errors) < 0.0).all()
-    with pytest.raises(ValueError, match="'autograd', got 'exact' for a GRUNetwork"):
+    with pytest.raises(ValueError, match="'exact' for a GRUNetwork; 'autograd' would be right"):
         train(GRUNetwork(2, 4), *data, TrainingSettings(gradient="exact"))
 
 
@@ -112,7 +112,7 @@ def test_truncated_gradients_are_refused_by_a_line_search():
 
 def test_a_checkpoint_of_another_network_is_refused(data, tmp_path):
     train(_network(), *data, TrainingSettings(iterations=1), checkpoint=tmp_path / "low.pt")
-    with pytest.raises(ValueError, match="must have the 91 parameters of the network, got 96"):
+    with pytest.raises(ValueError, match="has 96 parameters; 91, those of the network, would be right"):
         train(_network(output_dynamic=False), *data, checkpoint=tmp_path / "low.pt")
 
 

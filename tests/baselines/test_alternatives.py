@@ -460,7 +460,7 @@ class TestNullSpace:
     @pytest.mark.parametrize(
         ("null_vectors", "message"),
         [
-            ([1.0, 1.0], r"null_vectors must have the shape \(groups, 6\), got \(2,\)"),
+            ([1.0, 1.0], r"null_vectors has the shape \(2,\); \(groups, 6\) would be right"),
             ([[1.0, 1.0, 0, 0, 0]], r"null_vectors has the shape \(1, 5\)"),
             ([[1, 1, 0, 0, 0, 0], [0, 0, -1.0, 1, 0, 0]], r"null_vectors of group 1 is -1\.0 for thruster 3"),
             ([[1, np.nan, 0, 0, 0, 0]], r"null_vectors of group 0 is nan for thruster 2"),

@@ -164,7 +164,7 @@ def test_settings_take_their_names_of_before():
 
 
 def test_a_sight_of_this_moment_or_too_few_rows_are_refused():
-    with pytest.raises(ValueError, match="navigation_delay must be a whole number of 1 or more, got 0"):
+    with pytest.raises(ValueError, match="navigation_delay is 0; a whole number of 1 or more would be right"):
         ChaserPilot(CHASER, 900, navigation_delay=0)
-    with pytest.raises(ValueError, match="observation must have 2 rows, got 1"):
+    with pytest.raises(ValueError, match="observation has 1 rows; 2 would be right"):
         ChaserPilot(CHASER, 900, vehicles=2)(np.zeros(45))

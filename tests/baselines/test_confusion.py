@@ -90,12 +90,12 @@ def test_a_threshold_of_a_scale_above_one_clears_everything_that_it_was_made_fro
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: Confusion(1, -2, 0, 0), "missed must be at least 0, got -2"),
+        (lambda: Confusion(1, -2, 0, 0), "missed is -2; zero or more would be right"),
         (lambda: Confusion.of([True], [True, False]), r"declared has the shape \(2,\); that of faulty"),
         (lambda: LOW_LEVEL.rate("precison"), "measure is 'precison'; one of accuracy,"),
         (lambda: largest_scaled_threshold([], 1.0), r"residuals has the shape \(0,\)"),
         (lambda: largest_scaled_threshold([1.0, math.nan], 1.0), "an entry that is no number"),
-        (lambda: largest_scaled_threshold([1.0], [1.0, -1.0]), "scale must be at least 0, got"),
+        (lambda: largest_scaled_threshold([1.0], [1.0, -1.0]), "scale is .* zero or more would be right"),
     ],
 )
 def test_what_is_no_count_or_residual_gets_its_line(call, line):

@@ -72,9 +72,9 @@ def test_healthy_vehicles_alarm_at_the_rate_that_the_threshold_was_calibrated_to
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: ResponseTest(ORION, -1.0), "threshold must be a number of 0 or more, got -1.0"),
+        (lambda: ResponseTest(ORION, -1.0), "threshold is -1.0; a number of 0 or more would be right"),
         (lambda: ResponseTest(ORION, np.nan), "threshold is nan"),
-        (lambda: ResponseTest(ORION, 1.0, 0), "vehicles must be at least 1, got 0"),
+        (lambda: ResponseTest(ORION, 1.0, 0), "vehicles is 0; one or more would be right"),
         (lambda: threshold_for(1.0, [[1.0]]), "false_alarm_rate is 1.0"),
         (lambda: threshold_for(0.01, np.ones((50, 3))), "50 episodes cannot tell .* 100 or more"),
     ],

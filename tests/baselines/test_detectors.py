@@ -300,11 +300,10 @@ def test_the_last_refusal_is_told_in_one_line():
     scatter = np.array([one.scatter for one in ORION.thrusters])
     largest = np.abs(NOMINAL[0]) @ (1.0 + scatter) + 8.0 * np.sqrt(2.0) * ORION.sensors.velocity
     assert [detector.last_refusal(vehicle) for vehicle in range(5)] == [
-        "the rate change of vehicle 0, rate y must be a finite number of rad/s, got nan",
-        f"the rate change of vehicle 1, velocity x must be -{largest:.4g} to {largest:.4g} m/s, got 1",
+        "the rate change of vehicle 0, rate y, is nan; a finite number of rad/s would be right",
+        f"the rate change of vehicle 1, velocity x, is 1; -{largest:.4g} to {largest:.4g} m/s would be right",
         "the rate change of vehicle 2 is missing",
-        "the rate change of vehicle 3 must be that of the interval that has just ended, got one that is 1 s "
-        "old",
+        "the rate change of vehicle 3 is 1 s old; that of the interval that has just ended would be right",
         "",
     ]
     detector.reset([True, False, False, False, False])
@@ -316,7 +315,7 @@ def test_the_last_refusal_is_told_in_one_line():
     planar = GLRDetector(np.ones((2, 4)))
     planar.update(np.zeros(4), [0.0, np.nan], 1.0)
     assert planar.last_refusal() == (
-        "the rate change of vehicle 0, axis 2 must be a finite number of its unit, got nan"
+        "the rate change of vehicle 0, axis 2, is nan; a finite number of its unit would be right"
     )
 
 
@@ -364,7 +363,7 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: GLRDetector(ORION, -1.0), "threshold must be a number of 0 or more, got -1.0"),
+        (lambda: GLRDetector(ORION, -1.0), "threshold is -1.0; a number of 0 or more would be right"),
         (lambda: GLRDetector(ORION, np.nan), "threshold is nan"),
         (lambda: GLRDetector(ORION, vehicles=0), "vehicles is 0"),
         (lambda: GLRDetector(ORION, coupling=-0.1), "coupling is -0.1"),
@@ -391,11 +390,11 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
         (lambda: GLRDetector(ORION).believe(np.full((6, 12), np.inf)), "effectiveness has an entry"),
         (
             lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, age=0.0),
-            r"age must have the shape \(1,\), got \(\)",
+            r"age has the shape \(\); \(1,\) would be right",
         ),
         (
             lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, valid=[True, True]),
-            r"valid must have the shape \(1,\), got \(2,\)",
+            r"valid has the shape \(2,\); \(1,\) would be right",
         ),
     ],
 )

@@ -93,7 +93,7 @@ def test_what_is_saved_goes_on_as_before():
         np.testing.assert_array_equal(other.step(pilot_actions(other))[0], expected)
     assert went[-1][:, 37].all()
     assert not went[0][:, 37].any()
-    with pytest.raises(ValueError, match=r"the saved residual must have the shape \(3, 3\), got None"):
+    with pytest.raises(ValueError, match=r"the saved residual has the shape None; \(3, 3\) would be right"):
         other.restore_state({k: v for k, v in saved.items() if k != "detector/residual"})
 
 
@@ -203,7 +203,7 @@ def test_who_cannot_feed_a_detector_is_told_so():
         DiagnosisObservation(gym.make("thruster_envs/OrionRendezvous-v1"), correlation())
     with pytest.raises(ValueError, match="navigation_delay is 0, so that"):
         single(navigation_delay=0)
-    with pytest.raises(ValueError, match="detector must be for 1 vehicles, got one for 3"):
+    with pytest.raises(ValueError, match="the detector watches 3 vehicles; 1 would be right"):
         single(correlation(3))
-    with pytest.raises(ValueError, match="detector must be for 8 thrusters, got one for 12"):
+    with pytest.raises(ValueError, match="the detector is for 12 thrusters; 8 would be right"):
         single(CorrelationDetector("orion", 1.0, design="undelayed"))

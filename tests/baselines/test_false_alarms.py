@@ -181,7 +181,7 @@ def test_a_threshold_that_is_set_is_the_threshold():
         (lambda: GLRDetector(ORION, false_alarms=0.0), "false_alarms must be above 0 and below 1, got 0.0"),
         (
             lambda: GLRDetector(ORION, noise=PhysicalNoise(ORION), false_alarms=1.5),
-            "false_alarms must be a rate above 0 and below 1, got 1.5",
+            "false_alarms is 1.5; a rate above 0 and below 1 would be right",
         ),
         (lambda: EstimatorThreshold(ORION, false_alarms=np.nan), "false_alarms must be above 0"),
         (lambda: GLRDetector(ORION, noise=BY_AXIS), "threshold must be given, got None: with a filter"),

@@ -196,7 +196,7 @@ def test_a_call_leaves_no_trace(mapper_class):
         ({"command": [0, 0, np.nan, 0, 0, 0]}, r"command on axis 2 is nan; a finite number"),
         ({"command": [0, 0, 0, 0, -np.inf, 0]}, r"command on axis 4 is -inf"),
         ({"command": [[0] * 6, [0, np.nan, 0, 0, 0, 0]]}, r"command on axis 1 in problem 1 is nan"),
-        ({"command": [0, 0, 0]}, r"command must have the shape \(\.\.\., 6\), got \(3,\)"),
+        ({"command": [0, 0, 0]}, r"command has the shape \(3,\); \(\.\.\., 6\) would be right"),
         ({"command": 1.0}, r"command has the shape \(\)"),
         ({"max_on_time": [5.0] * 11}, r"max_on_time has the shape \(11,\); \(\.\.\., 12\)"),
         (

@@ -102,14 +102,14 @@ def test_each_reason_is_counted_and_told_in_one_line():
     assert gate.refused == {"missing": 1, "late": 4, "not a number": 1, "out of range": 2}
     assert told == [
         "the measurement at 15 s is missing",
-        "the measurement must be tagged 5 or 10 or 15 s, got 7 s",
-        "the measurement must be tagged 5 or 10 or 15 s, got nan s",
-        "the measurement must be tagged 5 or 10 or 15 s, got 0 s",
-        "the measurement tagged 15 s must be a new one, got that of 0 s once more",
-        "position x at 5 s must be a finite number, got nan",  # 0 times nan is nan, too
-        "attitude at 5 s must have the norm 1, got 2",
-        f"the rate change up to 10 s, velocity y must be -{limit(1, 10.0):.4g} to {limit(1, 10.0):.4g} m/s, "
-        "got 5",
+        "the measurement is tagged 7 s; 5 or 10 or 15 s would be right",
+        "the measurement is tagged nan s; 5 or 10 or 15 s would be right",
+        "the measurement is tagged 0 s; 5 or 10 or 15 s would be right",
+        "the measurement tagged 15 s is that of 0 s once more; a new one would be right",
+        "position x at 5 s is nan; a finite number would be right",  # 0 times nan is nan, too
+        "attitude at 5 s has the norm 2; 1 would be right",
+        f"the rate change up to 10 s, velocity y, is 5; -{limit(1, 10.0):.4g} to {limit(1, 10.0):.4g} m/s "
+        "would be right",
     ]
     assert gate.measured(AT_REST + 1e-3 * np.eye(13)[4], 10.0) is not None
     assert gate.last_refusal == ""

@@ -571,20 +571,20 @@ def test_wrong_values_are_named():
     for window in (0, 1.5):
         with pytest.raises(ValueError, match=f"window is {window}; a whole number of samples from 1 would"):
             CorrelationDetector(MSR_A, 1.0, window=window)
-    with pytest.raises(ValueError, match=r"vehicles must be a whole number from 1, got 1\.5"):
+    with pytest.raises(ValueError, match=r"vehicles is 1\.5; a whole number from 1 would be right"):
         NormThreshold(MSR_A, 1.0, vehicles=1.5)
     with pytest.raises(ValueError, match=r"design is 'pade'; 'undelayed', as the thrust of 'orion' comes"):
         NormThreshold("orion", 1.0)
     with pytest.raises(ValueError, match=r"kinds has 'lost'; did you mean 'loss'"):
         SignatureDetector(MSR_A, 1.0, kinds=("lost",))
-    with pytest.raises(ValueError, match=r"threshold must be a number of 0 or more, got nan"):
+    with pytest.raises(ValueError, match=r"threshold is nan; a number of 0 or more would be right"):
         FusionDetector(MSR_A, np.nan)
     detector = FusionDetector(MSR_A, RATIO)
     with pytest.raises(ValueError, match=r"open_rates of vehicle 0, thruster 3 is 1\.5; a number"):
         detector.update([0.1, 0.1, 1.5, 0.1, 0.1, 0.1, 0.1, 0.1], np.zeros(3), [1, 0, 0, 0])
-    with pytest.raises(ValueError, match=r"position must have the shape \(1, 3\), got \(2,\)"):
+    with pytest.raises(ValueError, match=r"position has the shape \(2,\); \(1, 3\) would be right"):
         detector.update(np.zeros(8), np.zeros(2), [1, 0, 0, 0])
-    with pytest.raises(ValueError, match=r"thruster must be 1 numbers from 0 to 8, got \[9\]"):
+    with pytest.raises(ValueError, match=r"thruster is \[9\]; 1 numbers from 0 to 8 would be right"):
         detector.identify([9])
 
 

@@ -229,7 +229,7 @@ def test_a_pair_that_fires_on_one_side_is_flagged_with_its_side_and_period():
             lambda fit: fit(np.zeros(3001), np.zeros(3001)),
             r"voltage has the shape \(3001,\); \(pulses, 3001\)",
         ),
-        (lambda fit: PulseResidual(fit, 0.0), "threshold must be a positive share, got 0.0"),
+        (lambda fit: PulseResidual(fit, 0.0), "threshold is 0.0; a positive share would be right"),
         (lambda fit: MotionFit(load("orion"), 1e-5), "orion has no discharge; a craft with pulsed"),
         (lambda fit: MotionFit(CUBESAT, 0.0), "rate_error is 0.0; a positive number of rad/s"),
         (lambda fit: PulseCountCUSUM([0.0], [0.0], [0.0], 0), "threshold is .* a positive number of pulses"),

@@ -369,7 +369,7 @@ def test_a_saved_memory_is_gone_back_to(build):
     other = build(worlds=2)
     other.restore_state(saved)
     assert (other(commands[10:]).on_times == first.on_times).all()
-    with pytest.raises(ValueError, match=r"what was saved must have the shapes .*\(2, .*got"):
+    with pytest.raises(ValueError, match=r"what was saved has the shapes .*\(2, .*would be right"):
         build(worlds=3).restore_state(saved)
 
 
@@ -379,9 +379,9 @@ def test_a_call_that_is_refused_changes_no_memory(build):
     mapper(small_commands(5))
     before = mapper.remainder
     for bad in (np.full(6, np.nan), np.zeros((2, 3, 6)), np.zeros(5)):
-        with pytest.raises(ValueError, match=r"must (be|have)"):
+        with pytest.raises(ValueError, match="would be right"):
             mapper(bad)
-    with pytest.raises(ValueError, match=r"a belief must have no leading axes, got \(2,\)"):
+    with pytest.raises(ValueError, match=r"a belief has the leading axes \(2,\); none would be right"):
         mapper(np.zeros((2, 6)), effectiveness=np.stack([SPHERES.effectiveness()] * 2))
     assert (mapper.remainder == before).all()
     mapper.remainder[:] = 7.0  # a copy
@@ -473,11 +473,11 @@ def test_truncating_leaves_out_short_pulses_and_says_what_is_missing():
             lambda: SchmittTriggerMapper(LPMapper(ORION), 0.1, open_at=[0.2] * 11 + [0.05]),
             r"open_at of thruster 12 is 0\.05 s; no less than its close_at, 0\.1 s",
         ),
-        (lambda: carrying().forget([True]), "None, for one craft, got"),
-        (lambda: carrying(worlds=3).forget([True]), r"a bool array of shape \(3,\)"),
+        (lambda: carrying().forget([True]), "None, for one craft, would be right"),
+        (lambda: carrying(worlds=3).forget([True]), r"a bool array of shape \(3,\) would be right"),
         (
             lambda: carrying(worlds=3)(np.zeros(6)),
-            r"command must have the shape \(worlds, m\) or .* worlds = 3, got \(6,\)",
+            r"command has the shape \(6,\); \(worlds, m\) or .* worlds = 3 would be right",
         ),
     ],
 )

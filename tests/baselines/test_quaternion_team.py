@@ -36,5 +36,5 @@ def test_it_fires_by_the_sign_of_the_torque_outside_of_the_dead_band():
 def test_what_it_cannot_fly_is_named():
     with pytest.raises(ValueError, match=r"no thruster of 'orion' turns it about .x; one for each way"):
         QuaternionTeam(load("orion"))
-    with pytest.raises(ValueError, match="action must be 'pulses' or 'duties', got 'torque'"):
+    with pytest.raises(ValueError, match="action is 'torque'; 'pulses' or 'duties' would be right"):
         QuaternionTeam(PPT, action="torque")

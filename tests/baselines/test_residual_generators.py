@@ -179,9 +179,9 @@ def test_running_filter_is_the_discrete_design():
 def test_wrong_values_are_named():
     with pytest.raises(ValueError, match=r"eigenvalues is .* different negative numbers of rad/s"):
         pade_design(N, eigenvalues=(-0.5, -0.5, -0.5))
-    with pytest.raises(ValueError, match=r"delay must be a positive number of s, got 0\.0"):
+    with pytest.raises(ValueError, match=r"delay is 0\.0; a positive number of s would be right"):
         delay_model(N, 0.0)
-    with pytest.raises(ValueError, match=r"position must have the shape \(1, 3\), got \(1, 2\)"):
+    with pytest.raises(ValueError, match=r"position has the shape \(1, 2\); \(1, 3\) would be right"):
         ResidualGenerator(observer_design(N)).step([[0.0] * 3], [[0.0] * 2])
 
 

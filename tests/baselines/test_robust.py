@@ -597,7 +597,7 @@ def test_more_certainty_costs_more():
         ),
         (
             lambda: RobustCommandMapper(ORION).within(DIAGONAL, DIAGONAL - 1e-3),
-            r"low on axis 0 must be at most high, -0\.028, got -0\.027",
+            r"low on axis 0 is -0\.027; at most high, -0\.028, would be right",
         ),
         (
             lambda: RobustCommandMapper(ORION).within([0.0] * 5, DIAGONAL),

@@ -135,7 +135,7 @@ def test_each_world_can_have_a_belief_of_its_own():
 @pytest.mark.parametrize(
     ("arguments", "command", "message"),
     [
-        ({}, np.zeros((2, 3, 6)), r"\(m,\) or \(steps, m\) with m = 6, got \(2, 3, 6\)"),
+        ({}, np.zeros((2, 3, 6)), r"\(2, 3, 6\); \(m,\) or \(steps, m\) with m = 6 would be right"),
         ({"worlds": 4}, np.zeros((3, 6)), r"\(3, 6\); \(worlds, m\) or \(steps, worlds, m\)"),
         ({"worlds": 4}, np.zeros(6), r"with m = 6 and worlds = 4"),
         ({}, np.full(6, np.nan), "command on axis 0 is nan"),

@@ -241,11 +241,11 @@ def test_the_bank_does_not_suspect_a_thruster_that_is_believed_dead():
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: WindowedGLR(ORION, 1.0, 0), "window must be at least one interval, got 0"),
+        (lambda: WindowedGLR(ORION, 1.0, 0), "window is 0; one interval or more would be right"),
         (lambda: CUSUMDetector(ORION, 1.0, design_loss=0.0), "design_loss is 0.0; a share above 0"),
         (lambda: CUSUMDetector(ORION, 1.0, design_excess=1.5), "design_excess is 1.5"),
-        (lambda: FilterBank(ORION, 1.0, weak_share=1.0), "weak_share must be between 0 and 1, got 1.0"),
-        (lambda: FilterBank(ORION, 1.0, floor=0.0), "floor must be between 0 and 1, got 0.0"),
+        (lambda: FilterBank(ORION, 1.0, weak_share=1.0), "weak_share is 1.0; between 0 and 1 would be right"),
+        (lambda: FilterBank(ORION, 1.0, floor=0.0), "floor is 0.0; between 0 and 1 would be right"),
         (lambda: FilterBank(ORION, 1.0, floor=0.1), "floor is 0.1; below 1 / 37, as there are so many"),
     ],
 )

@@ -31,10 +31,10 @@ def test_the_true_rate_is_inside_as_often_as_promised(rate):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        ((1, 0), "trials must be at least 1, got 0"),
-        ((-1, 5), "successes must be 0 to 5, got -1 of 5 trials"),
-        ((6, 5), "successes must be 0 to 5, got 6 of 5 trials"),
-        ((1, 5, 1.0), "confidence must be between 0 and 1, got 1.0"),
+        ((1, 0), "trials is 0; one or more would be right"),
+        ((-1, 5), "successes is -1 of 5 trials; 0 to 5 would be right"),
+        ((6, 5), "successes is 6 of 5 trials; 0 to 5 would be right"),
+        ((1, 5, 1.0), "confidence is 1.0; between 0 and 1 would be right"),
     ],
 )
 def test_what_is_no_rate_gets_its_line(arguments, line):

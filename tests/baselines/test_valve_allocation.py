@@ -185,13 +185,13 @@ def test_bad_input_is_refused_in_one_line():
     sound = ValveBelief.sound(1, 8)
     with pytest.raises(ValueError, match=r"lower is 1.0 of vehicle 0, thruster 1; no more than upper, which"):
         ALLOCATION(np.zeros((1, 6)), np.ones((1, 8)), np.zeros((1, 8)))
-    with pytest.raises(ValueError, match=r"lower: shape must be \(1, 8\), got \(2, 8\)"):
+    with pytest.raises(ValueError, match=r"lower: shape is \(2, 8\); \(1, 8\) would be right"):
         ALLOCATION(np.zeros((1, 6)), np.zeros((2, 8)), sound.upper)
-    with pytest.raises(ValueError, match=r"wrench: shape must be \(vehicles, 6\), got \(6,\)"):
+    with pytest.raises(ValueError, match=r"wrench: shape is \(6,\); \(vehicles, 6\) would be right"):
         ALLOCATION(np.zeros(6), sound.lower, sound.upper)
     with pytest.raises(ValueError, match="nan"):
         ALLOCATION(np.full((1, 6), np.nan), sound.lower, sound.upper)
     with pytest.raises(ValueError, match="kind is 'misalignment'; stuck_on, stuck_off, leak, loss"):
         sound.blame(0, 1, "misalignment", 0.1, period=PERIOD)
-    with pytest.raises(ValueError, match=r"wrenches: shape must be \(6, n\), got \(3, 8\)"):
+    with pytest.raises(ValueError, match=r"wrenches: shape is \(3, 8\); \(6, n\) would be right"):
         ValveAllocation(WRENCHES[:3])

@@ -116,13 +116,13 @@ def test_routine_probes_alarm_nobody_and_cost_little():
 
 
 def test_settings_that_cannot_be_are_refused():
-    with pytest.raises(ValueError, match=r"interval must be a positive number of s, got 0.0"):
+    with pytest.raises(ValueError, match=r"interval is 0.0; a positive number of s would be right"):
         ProbeSettings(interval=0.0)
-    with pytest.raises(ValueError, match=r"search must be one open rate or more, got \(\)"):
+    with pytest.raises(ValueError, match=r"search is \(\); one open rate or more would be right"):
         ProbeSettings(search=())
-    with pytest.raises(ValueError, match=r"open rate of a probe must be a number from 0 to 1, got 1.2"):
+    with pytest.raises(ValueError, match=r"open rate of a probe is 1.2; a number from 0 to 1 would be right"):
         ProbeSettings(question=(0.5, 1.2))
-    with pytest.raises(ValueError, match=r"thruster 2 must be balanced by others to be probed, got none"):
+    with pytest.raises(ValueError, match=r"thruster 2 is balanced by no others; no probe would be right"):
         ValveProbing(WRENCHES[:, :7], PERIOD, ProbeSettings())
     some = replace(CHASER, thrusters=CHASER.thrusters[:7])
     with pytest.raises(ValueError, match="is balanced by no others"):

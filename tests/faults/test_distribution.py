@@ -98,11 +98,11 @@ def test_distributions_survive_json_pickle_and_copies(distribution):
 
 
 BAD = {
-    "probability above 1": ({"probability": 1.1}, "probability must be a number from 0 to 1, got 1.1"),
-    "no kinds": ({"kinds": ()}, "at least one kind with a weight above 0"),
+    "probability above 1": ({"probability": 1.1}, "probability is 1.1; a number from 0 to 1 would be right"),
+    "no kinds": ({"kinds": ()}, "at least one kind with a weight above 0 would be right"),
     "no weight": ({"kinds": {"loss": 0.0}}, "at least one kind with a weight above 0"),
     "unknown kind": ({"kinds": ("los",)}, "kind 'los' is unknown; did you mean 'loss'?"),
-    "kind twice": ({"kinds": ("loss", "loss")}, "each kind once"),
+    "kind twice": ({"kinds": ("loss", "loss")}, "each kind once would be right"),
     "negative weight": ({"kinds": {"loss": -1.0}}, "weight of the kind 'loss' is -1.0; a finite number"),
     "count from 0": ({"count": (0, 1)}, "count is (0, 1); a range of numbers from 1"),
     "count backwards": ({"count": (3, 1)}, "count is (3, 1); a range of numbers from 1"),
@@ -152,7 +152,7 @@ BAD = {
     ),
     "count of 401 digits": ({"count": (1, 10**400)}, "count, entry 2 must be a whole number of 64 bits"),
     "weight beyond floats": ({"kinds": {"loss": 10**400}}, "kinds, 'loss' must be within +/-1.8e+308"),
-    "kinds as text": ({"kinds": "loss"}, "kinds must be a list, got 'loss'"),
+    "kinds as text": ({"kinds": "loss"}, "kinds is 'loss'; a list would be right"),
     "sensor probability above 1": (
         {"sensor_probability": 1.1},
         "sensor_probability is 1.1; a number from 0 to 1",
@@ -193,7 +193,7 @@ def test_impossible_distributions_are_refused_in_one_clear_line(changes, message
 
 
 def test_what_may_fail_is_checked_against_the_vehicle():
-    with pytest.raises(ValueError, match="thrusters: one of them must be a number from 1 to 4, got 5"):
+    with pytest.raises(ValueError, match="thrusters: one of them is 5; a number from 1 to 4 would be right"):
         FULL.encode(number_of_thrusters=4)
     with pytest.raises(ValueError, match="at most 3, the thrusters that may fail"):
         FaultDistribution(count=(1, 4), thrusters=(1, 2, 3)).encode(number_of_thrusters=12)
@@ -226,7 +226,7 @@ def test_everything_a_user_may_pass():
         ([[Fault(1, "loss")]], "faults, entry 1: [Fault(thruster=1, kind='loss', severity=1.0, "),
         (b"loss", "faults is b'loss'; a Fault, a FaultDistribution"),
         (3, "faults is 3; a Fault, a FaultDistribution"),
-        ({}, "a mapping with 'thruster' and 'kind', or one with 'probability', got"),
+        ({}, "a mapping with 'thruster' and 'kind', or one with 'probability', would be right"),
         ({"thruster": 1}, "faults: the key 'kind' is missing"),
         ({"sensor": "rate"}, "faults: the key 'kind' is missing"),
         ({"kind": "loss"}, "faults: a fault must have a thruster or a sensor, got neither"),

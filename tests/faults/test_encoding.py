@@ -102,8 +102,8 @@ def test_rows_of_one_craft_are_enough():
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        (Fault(13, "loss"), "fault 1 must be on a thruster from 1 to 12, got 13"),
-        (Fault(1, "loss", craft=2), "fault 1 must be on a craft from 1 to 1, got 2"),
+        (Fault(13, "loss"), "fault 1 is on thruster 13; a number from 1 to 12 would be right"),
+        (Fault(1, "loss", craft=2), "fault 1 is on craft 2; a number from 1 to 1 would be right"),
     ],
 )
 def test_fault_of_what_does_not_exist_is_refused(fault, message):
@@ -112,7 +112,7 @@ def test_fault_of_what_does_not_exist_is_refused(fault, message):
 
 
 def test_more_faults_than_slots_are_refused():
-    with pytest.raises(ValueError, match="faults of craft 1 must be at most 1, got one more with fault 2"):
+    with pytest.raises(ValueError, match="fault 2 is one too many for craft 1; at most 1 would be right"):
         encode([Fault(1, "loss"), Fault(2, "loss")], 1, 12, 1)
 
 

@@ -139,18 +139,18 @@ def test_faults_survive_json(fault):
 
 
 BAD = {
-    "thruster from 0": ({"thruster": 0}, "thruster must be a number from 1, got 0"),
-    "half a thruster": ({"thruster": 1.5}, "thruster must be a whole number, got 1.5"),
-    "craft from 0": ({"craft": 0}, "craft must be a number from 1, got 0"),
+    "thruster from 0": ({"thruster": 0}, "thruster is 0; a number from 1 would be right"),
+    "half a thruster": ({"thruster": 1.5}, "thruster is 1.5; a whole number would be right"),
+    "craft from 0": ({"craft": 0}, "craft is 0; a number from 1 would be right"),
     "unknown kind": ({"kind": "stuck_of"}, "kind 'stuck_of' is unknown; did you mean 'stuck_off'?"),
     "unlike any kind": ({"kind": "xyzzy"}, "kind 'xyzzy' is unknown; known are stuck_off, stuck_on, loss"),
     "unknown profile": ({"profile": "rampp"}, "profile 'rampp' is unknown; did you mean 'ramp'?"),
     "share above 1": ({"severity": 1.5}, "severity of a 'stuck_off' fault is 1.5; a share from 0 to 1"),
     "negative share": ({"severity": -0.1}, "severity of a 'stuck_off' fault is -0.1; a share from 0 to 1"),
-    "NaN severity": ({"severity": math.nan}, "severity must be a number, got NaN"),
+    "NaN severity": ({"severity": math.nan}, "severity is NaN; a number would be right"),
     "tilt beyond a right angle": (
         {"kind": "misalignment", "severity": 1.6},
-        "severity of a 'misalignment' fault must be an angle from 0 to pi/2 rad, got 1.6",
+        "severity of a 'misalignment' fault is 1.6; an angle from 0 to pi/2 rad would be right",
     ),
     "never opening": (
         {"kind": "late_opening", "severity": math.inf},
@@ -158,19 +158,19 @@ BAD = {
     ),
     "no slug left": (
         {"kind": "propellant_loss", "severity": 1.0},
-        "severity of a 'propellant_loss' fault must be a share from 0 to 0.995, got 1.0",
+        "severity of a 'propellant_loss' fault is 1.0; a share from 0 to 0.995 would be right",
     ),
     "no width left": (
         {"kind": "electrode_sediment", "severity": 0.8},
-        "severity of a 'electrode_sediment' fault must be a share from 0 to 0.75, got 0.8",
+        "severity of a 'electrode_sediment' fault is 0.8; a share from 0 to 0.75 would be right",
     ),
     "broken wire": (
         {"kind": "conductivity_loss", "severity": 2.0},
-        "severity of a 'conductivity_loss' fault must be a resistance from 0 to 1 ohm, got 2.0",
+        "severity of a 'conductivity_loss' fault is 2.0; a resistance from 0 to 1 ohm would be right",
     ),
     "never following": (
         {"kind": "slow_opening", "severity": 1e5},
-        "severity of a 'slow_opening' fault must be a time from 0 to 10000 s, got 100000.0",
+        "severity of a 'slow_opening' fault is 100000.0; a time from 0 to 10000 s would be right",
     ),
     "over when it begins": (
         {"onset": 1e16, "duration": 1.0},
@@ -190,24 +190,24 @@ BAD = {
     ),
     "onset beyond floats": ({"onset": 10**400}, "onset must be within +/-1.8e+308, got 1000"),
     "kind of a book": ({"kind": "k" * 10**6}, f"kind '{'k' * 76}... is unknown; known are stuck_off"),
-    "no kind": ({"kind": None}, "kind must be a value of type str, got None"),
-    "list of kinds": ({"kind": ["loss"]}, "kind must be a value of type str, got ['loss']"),
-    "half shared": ({"shared": 0.5}, "shared must be a value of type bool, got 0.5"),
+    "no kind": ({"kind": None}, "kind is None; a value of type str would be right"),
+    "list of kinds": ({"kind": ["loss"]}, "kind is ['loss']; a value of type str would be right"),
+    "half shared": ({"shared": 0.5}, "shared is 0.5; a value of type bool would be right"),
     "negative onset": ({"onset": -1.0}, "onset is -1.0; a finite number of s, zero or more"),
     "no onset": ({"onset": math.inf}, "onset is inf; a finite number of s"),
     "no duration": ({"duration": 0.0}, "duration is 0.0; a positive number of s, or inf"),
     "ramp without a time": (
         {"profile": "ramp"},
-        "profile_time of a 'ramp' profile must be a positive number of s, got 0.0",
+        "profile_time of a 'ramp' profile is 0.0; a positive number of s would be right",
     ),
     "sine without a time": ({"profile": "sine"}, "profile_time of a 'sine' profile is 0.0"),
     "wave without a time": ({"profile": "intermittent"}, "profile_time of a 'intermittent' profile is 0.0"),
     "negative time": ({"profile_time": -1.0}, "profile_time is -1.0; a finite number of s, zero or more"),
     "intermittent with a ramp": (
         {"kind": "intermittent", "profile": "ramp", "profile_time": 1.0},
-        "profile must be 'intermittent', as the kind is, got 'ramp'",
+        "profile is 'ramp'; 'intermittent', as the kind is, would be right",
     ),
-    "no dwell": ({"dwell": 0.0}, "dwell must be a share above 0 and up to 1, got 0.0"),
+    "no dwell": ({"dwell": 0.0}, "dwell is 0.0; a share above 0 and up to 1 would be right"),
     "dwell above 1": ({"dwell": 1.1}, "dwell is 1.1; a share above 0 and up to 1"),
     "thruster and sensor": (
         {"sensor": "rate", "kind": "bias"},
@@ -246,7 +246,7 @@ BAD = {
         {"thruster": 0, "sensor": "rate", "kind": "bias", "shared": True},
         "shared must be False for a fault of a sensor, got True",
     ),
-    "infinite azimuth": ({"azimuth": math.inf}, "azimuth must be a finite number of rad, got inf"),
+    "infinite azimuth": ({"azimuth": math.inf}, "azimuth is inf; a finite number of rad would be right"),
 }
 
 

@@ -155,7 +155,7 @@ def fly(
     """
     duties, scatter = checked_commands(spacecraft, duties, scatter)
     if dynamics not in ("hcw", "nonlinear"):
-        raise ValueError(f"dynamics must be 'hcw' or 'nonlinear', got {dynamics!r}")
+        raise ValueError(f"dynamics is {dynamics!r}; 'hcw' or 'nonlinear' would be right")
     state = initial_vector(spacecraft, FlightState() if initial is None else initial)
     dry_mass = spacecraft.mass - spacecraft.feed.propellant_mass
     firing = Firing(spacecraft, faults, craft=craft)
@@ -213,11 +213,13 @@ def checked_commands(
     scatter = np.zeros_like(duties) if scatter is None else np.array(scatter, dtype=float)
     n = spacecraft.number_of_thrusters
     if duties.ndim != 2 or duties.shape[1] != n:
-        raise ValueError(f"duties must have the shape (periods, {n}), got {duties.shape}")
+        raise ValueError(f"duties have the shape {duties.shape}; (periods, {n}) would be right")
     if scatter.shape != duties.shape:
-        raise ValueError(f"scatter must have the shape {duties.shape}, as the duties, got {scatter.shape}")
+        raise ValueError(
+            f"scatter has the shape {scatter.shape}; {duties.shape}, as the duties, would be right"
+        )
     if not np.all((duties >= 0.0) & (duties <= 1.0)):
-        raise ValueError("duties must be shares of the period, got one outside [0, 1]")
+        raise ValueError("a duty lies outside [0, 1]; shares of the period would be right")
     return duties, scatter
 
 
@@ -416,7 +418,7 @@ class Firing:
         n = spacecraft.number_of_thrusters
         for fault in self.faults:
             if fault.thruster > n:
-                raise ValueError(f"a fault must be on a thruster from 1 to {n}, got {fault.thruster}")
+                raise ValueError(f"fault of thruster {fault.thruster}; a number from 1 to {n} would be right")
 
     def next_period(self, duties: Array, scatter: Array) -> list[Piece]:
         """The pieces of the next period, given its duties (n,) and relative thrust errors (n,)."""

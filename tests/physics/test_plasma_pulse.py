@@ -171,11 +171,11 @@ def test_pulses_have_the_broadcast_shape_of_their_values():
 
 
 BAD = {
-    "no slug": ({"slug_mass": [1e-8, 0.0]}, "slug_mass must be a positive number of kg, got 0.0"),
-    "NaN": ({"voltage": np.nan}, "voltage must be a positive number of V, got nan"),
+    "no slug": ({"slug_mass": [1e-8, 0.0]}, "slug_mass is 0.0; a positive number of kg would be right"),
+    "NaN": ({"voltage": np.nan}, "voltage is nan; a positive number of V would be right"),
     "gain": (
         {"added_resistance": -1.0},
-        "added_resistance must be a number of ohm from 0 up, got -1.0",
+        "added_resistance is -1.0; a number of ohm from 0 up would be right",
     ),
     "shapes": (
         {"voltage": [1, 2], "slug_mass": [1, 2, 3]},

@@ -115,7 +115,7 @@ def test_a_table_of_items_has_a_row_for_each_and_a_column_for_each_heading():
 
 
 def test_a_table_with_a_cell_too_few_is_refused():
-    with pytest.raises(ValueError, match="row 2 of 'Rates' must have 2 cells, got 1"):
+    with pytest.raises(ValueError, match="row 2 of 'Rates' has 1 cells; 2 would be right"):
         Table("Rates", ("a", "b"), (("1", "2"), ("3",)))
 
 

@@ -89,20 +89,20 @@ CONTENTS = {
         ORION.replace("[thruster_defaults]", f"[thruster_defaults]\ncapacitor = {10**400}").encode(),
         "thrusters, entry 1: capacitor must be a whole number of 64 bits, got 1000",
     ),
-    "infinite": (with_mass("inf").encode(), "mass must be a positive number of kg, got inf"),
-    "no number": (with_mass("nan").encode(), "mass must be a number, got NaN"),
-    "date": (with_mass("2020-01-01").encode(), "mass must be a number, got datetime.date(2020, 1, 1)"),
-    "time": (with_mass("07:32:00").encode(), "mass must be a number, got datetime.time(7, 32)"),
-    "truth": (with_mass("true").encode(), "mass must be a number, got True"),
-    "text": (with_mass('"20 kg"').encode(), "mass must be a number, got '20 kg'"),
-    "list": (with_mass("[20.0]").encode(), "mass must be a number, got [20.0]"),
+    "infinite": (with_mass("inf").encode(), "mass is inf; a positive number of kg would be right"),
+    "no number": (with_mass("nan").encode(), "mass is NaN; a number would be right"),
+    "date": (with_mass("2020-01-01").encode(), "mass is datetime.date(2020, 1, 1); a number would be right"),
+    "time": (with_mass("07:32:00").encode(), "mass is datetime.time(7, 32); a number would be right"),
+    "truth": (with_mass("true").encode(), "mass is True; a number would be right"),
+    "text": (with_mass('"20 kg"').encode(), "mass is '20 kg'; a number would be right"),
+    "list": (with_mass("[20.0]").encode(), "mass is [20.0]; a number would be right"),
     "mixed list": (
         ORION.replace("[0.575, 0.0, 0.0]", '[0.575, "0.0", [0.0]]').encode(),
-        "inertia, entry 1, entry 2 must be a number, got '0.0'",
+        "inertia, entry 1, entry 2 is '0.0'; a number would be right",
     ),
     "flat list": (
         re.sub(r"inertia = \[.*?\n\]", "inertia = [1, 2, 3]", ORION, flags=re.DOTALL).encode(),
-        "inertia, entry 1 must be a list, got 1",
+        "inertia, entry 1 is 1; a list would be right",
     ),
     "key of another table": (
         ORION.replace("[feed]", "[feed]\nmass = 20.0").encode(),
@@ -154,7 +154,7 @@ def test_paths_that_cannot_be_are_refused_in_one_line(tmp_path):
         assert str(refused.value).isprintable()
         assert len(str(refused.value)) < 300
     for source in (b"orion", 10**5000, [[]], {"orion"}, np.zeros(3)):
-        with pytest.raises(ValueError, match="a name, a path, a mapping or a Spacecraft"):
+        with pytest.raises(ValueError, match="a name, a path, a mapping or a Spacecraft would be right"):
             load(source)
 
 

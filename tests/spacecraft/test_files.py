@@ -100,7 +100,7 @@ def test_defaults_that_are_no_table_are_refused(file):
     file.write_text(
         "thruster_defaults = 3\n" + MINIMAL.replace("[thruster_defaults]", "[feed]"), encoding="utf-8"
     )
-    with pytest.raises(ValueError, match="thruster_defaults must be a table, got 3"):
+    with pytest.raises(ValueError, match="thruster_defaults is 3; a table would be right"):
         load(file)
 
 
@@ -108,10 +108,10 @@ def test_defaults_that_are_no_table_are_refused(file):
     ("source", "message"),
     [
         ("orionn", "did you mean 'orion'?"),
-        ("nowhere/mine.toml", "a path that exists"),
-        (Path("mine.toml"), "a path that exists"),
-        (3, "a name, a path, a mapping or a Spacecraft"),
-        (None, "a name, a path, a mapping or a Spacecraft"),
+        ("nowhere/mine.toml", "a path that exists would be right"),
+        (Path("mine.toml"), "a path that exists would be right"),
+        (3, "a name, a path, a mapping or a Spacecraft would be right"),
+        (None, "a name, a path, a mapping or a Spacecraft would be right"),
     ],
 )
 def test_sources_that_are_none_are_refused(source, message):

@@ -78,7 +78,7 @@ def test_a_discharge_and_capacitors_belong_together():
     ):
         CUBESAT.replace(thrusters=plain)
     assert CUBESAT.replace(thrusters=plain, discharge=None).discharge is None
-    with pytest.raises(ValueError, match="capacitor must be a number from 1, or 0 for none, got -1"):
+    with pytest.raises(ValueError, match="capacitor is -1; a number from 1, or 0 for none, would be right"):
         Thruster(name="a", position=(0, 0, 0), direction=(1, 0, 0), thrust=1.0, capacitor=-1)
     with pytest.raises(ValueError, match=r"firing_time is 0\.016; at most the control_period, 0\.01 s,"):
         CUBESAT.replace(control_period=0.01)

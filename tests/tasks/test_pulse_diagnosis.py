@@ -234,7 +234,7 @@ def test_the_declaration_is_in_the_next_observation():
         ({"thruster": 7}, "thruster is 7; a whole number from 1 to 6"),
         ({"samples": 1}, "samples is 1; a whole number from 2 to 3001"),
         ({"sample_spacing": 1.5e-8}, "sample_spacing is 1.5e-08 s; a multiple of 1e-08 s up to 4.7e-07 s"),
-        ({"sample_spacing": 1e-6}, "the end of the pulse, got"),
+        ({"sample_spacing": 1e-6}, "the end of the pulse, would be right"),
         ({"voltage_noise": -1.0}, "voltage_noise is -1.0; a finite number of 0 or more"),
         ({"band": 0.0}, "band is 0.0; a share above 0 and below 1"),
         ({"voltage_jitter": 0.08}, "voltage_jitter is 0.08; a share from 0 to below 0.0724"),

@@ -366,7 +366,7 @@ def test_a_batch_with_a_memory_goes_into_stable_baselines():
 
 
 def test_a_memory_for_other_worlds_is_refused(mapper):
-    with pytest.raises(ValueError, match=r"remainder must have the shape \(3, 6\), got \(6,\)"):
+    with pytest.raises(ValueError, match=r"remainder has the shape \(6,\); \(3, 6\) would be right"):
         remembering_batch(carrying(), 3)
     with pytest.raises(ValueError, match=r"remainder has the shape \(3, 6\); \(6,\) or \(1, 6\) would be"):
         remembering(carrying(3))

@@ -294,7 +294,7 @@ def test_actions_outside_the_space_are_clipped_and_options_that_do_not_exist_ref
         for wrong in (-1, options, 0.5):
             with pytest.raises(
                 ValueError,
-                match=rf"entry {k} must be a whole number from 0 to {options - 1}, got {wrong}",
+                match=rf"entry {k} is {wrong}; a whole number from 0 to {options - 1} would be right",
             ):
                 env.step([*action[:k], wrong, *action[k + 1 :]] if several else wrong)
         assert np.array_equal(env.step(action)[0], twin.step(action)[0])

@@ -51,12 +51,12 @@ def read_description(folder: Path, kind: str, keys: tuple[str, ...]) -> dict[str
     """
     path = folder / _DESCRIPTION
     if not path.is_file():
-        raise ValueError(f"path must be the folder of a saved classifier, got {path}, which does not exist")
+        raise ValueError(f"{path} does not exist; the folder of a saved classifier would be right")
     found = read_json(path)
     for key, right in (("format", _FORMAT), ("kind", kind)):
         shown = found.pop(key, None)
         if shown != right:
-            raise ValueError(f"{path}: {key} must be {right!r}, got {shown!r}")
+            raise ValueError(f"{path}: {key} is {shown!r}; {right!r} would be right")
     for key in found:
         if key not in keys:
             raise ValueError(f"{path}: unknown key {key!r}; {suggestion(key, keys)}")
@@ -132,7 +132,7 @@ def number_of(value: object, where: str) -> float:
         ValueError: Something else; `where` it stands is at the head of the line.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{where} must be a number, got {value!r}")
+        raise ValueError(f"{where} is {value!r}; a number would be right")
     if not -1e300 < value < 1e300:
         raise ValueError(f"{where} must be a finite number, got {shown(value)}")
     return float(value)
@@ -142,7 +142,7 @@ def _shapes(folder: Path) -> dict[str, tuple[int, ...]]:
     """Those of the parameters in the file, from its header alone."""
     path = folder / _WEIGHTS
     if not path.is_file():
-        raise ValueError(f"path must be the folder of a saved classifier, got {path}, which does not exist")
+        raise ValueError(f"{path} does not exist; the folder of a saved classifier would be right")
     try:
         with safe_open(path, framework="pt") as file:
             return {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}  # noqa: SIM118
@@ -154,7 +154,7 @@ def _compare(folder: Path, saved: Mapping[str, Any], wanted: Mapping[str, Any]) 
     for name in sorted(saved.keys() | wanted.keys()):
         there, here = saved.get(name), wanted.get(name)
         if there != here:
-            raise ValueError(f"{folder / _WEIGHTS}: {name} must have the shape {here}, got {there}")
+            raise ValueError(f"{folder / _WEIGHTS}: {name} has the shape {there}; {here} would be right")
 
 
 def _named(networks: Mapping[str, SequenceNetwork]) -> dict[str, torch.Tensor]:

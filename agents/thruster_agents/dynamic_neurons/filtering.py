@@ -46,12 +46,14 @@ def recursive_filter(signal: torch.Tensor, feedforward: torch.Tensor, feedback: 
     """
     channels = signal.shape[-1]
     if signal.ndim != 3:
-        raise ValueError(f"signal must have the shape (batch, time, channels), got {tuple(signal.shape)}")
+        raise ValueError(
+            f"signal has the shape {tuple(signal.shape)}; (batch, time, channels) would be right"
+        )
     order = feedback.shape[-1]
     if feedback.shape != (channels, order) or feedforward.shape != (channels, order + 1):
         raise ValueError(
-            f"feedforward must have the shape ({channels}, r + 1) and ({channels}, r), got "
-            f"{tuple(feedforward.shape)} and feedback {tuple(feedback.shape)}"
+            f"feedforward has the shape {tuple(feedforward.shape)} and feedback {tuple(feedback.shape)}; "
+            f"({channels}, r + 1) and ({channels}, r) would be right"
         )
     filtered: torch.Tensor = _Recursion.apply(signal, feedforward, feedback)
     return filtered

@@ -73,7 +73,7 @@ class MissionSignals:
     def __post_init__(self) -> None:
         pulses = np.asarray(self.pulses, np.float64)
         if pulses.ndim != 3 or pulses.shape[2] != 3:
-            raise ValueError(f"pulses must have the shape (missions, steps, 3), got {pulses.shape}")
+            raise ValueError(f"pulses has the shape {pulses.shape}; (missions, steps, 3) would be right")
         missions, steps, _ = pulses.shape
         right = {
             "attitude": (missions, steps + 1, 4),
@@ -86,7 +86,7 @@ class MissionSignals:
                 continue
             value = np.asarray(getattr(self, name), np.float64)
             if value.shape != shape:
-                raise ValueError(f"{name} must have the shape {shape}, got {value.shape}")
+                raise ValueError(f"{name} has the shape {value.shape}; {shape} would be right")
             if not np.isfinite(value).all():
                 raise ValueError(f"{name} has an entry that is not finite")
             object.__setattr__(self, name, value)
@@ -232,7 +232,9 @@ class HighLevelClassifier:
         first, last = self.settings.window
         steps = missions.pulses.shape[1]
         if steps < last:
-            raise ValueError(f"the missions must have {last} steps or more, as the window has, got {steps}")
+            raise ValueError(
+                f"the missions have {steps} steps; {last} or more, as the window has, would be right"
+            )
         errors = np.abs(missions.rate[:, 1:] - self.predict(missions)) / self.settings.rate_scale
         return np.asarray(errors[:, first - 1 : last].sum(axis=1))
 
@@ -296,7 +298,7 @@ class HighLevelClassifier:
 def _errors(attitude: FloatArray, target: FloatArray | None) -> FloatArray:
     """(missions, steps, 4): what turns the target into the attitude, scalar part not negative."""
     if target is None:
-        raise ValueError("target must be the attitude asked for in each mission, got None")
+        raise ValueError("target is None; the attitude asked for in each mission would be right")
     errors = np.empty_like(attitude)
     for error, seen, wanted in zip(errors, attitude, target, strict=True):
         # seen * conj(wanted) is the conjugate of wanted * conj(seen), which is one matrix times all samples.
@@ -307,5 +309,5 @@ def _errors(attitude: FloatArray, target: FloatArray | None) -> FloatArray:
 def _three(values: object, where: str) -> FloatArray:
     numbers = values if isinstance(values, list) else []
     if len(numbers) != 3 or not all(type(one) in (int, float) for one in numbers):
-        raise ValueError(f"{where} must be three numbers, got {values!r}")
+        raise ValueError(f"{where} is {values!r}; three numbers would be right")
     return np.array([number_of(one, where) for one in numbers])

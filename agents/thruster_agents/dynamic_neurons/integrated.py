@@ -167,13 +167,15 @@ class IntegratedClassifier:
         if self.lower is None:
             raise ValueError("lower is None; calibrate with healthy pulses of flights first")
         if len(mission) != 1:
-            raise ValueError(f"mission must be one mission, got {len(mission)}")
+            raise ValueError(f"mission has {len(mission)} missions; one would be right")
         fired = np.asarray(thrusters)
         if fired.ndim != 1 or (fired.size and not (0 <= fired.min() <= fired.max() < 6)):
-            raise ValueError(f"thrusters must be numbers from 0 to 5, (firings,), got {fired.tolist()}")
+            raise ValueError(
+                f"thrusters is {fired.tolist()}; numbers from 0 to 5, (firings,), would be right"
+            )
         expected = np.ones(6) if expected_pulses is None else np.asarray(expected_pulses, np.float64)
         if expected.shape != (6,) or not (expected > 0.0).all():
-            raise ValueError(f"expected_pulses must be six positive numbers, got {expected.tolist()}")
+            raise ValueError(f"expected_pulses is {expected.tolist()}; six positive numbers would be right")
         residuals = self.high_level.residuals(mission)[0]
         flagged = np.asarray(residuals > self.high_level.thresholds)
 

@@ -83,7 +83,7 @@ class DynamicLayer(nn.Module):
         require(activation in ("tanh", "linear"), "activation", activation, "'tanh' or 'linear'")
         if memory is not None:
             require(0.0 < memory[0] <= memory[1], "memory", memory, "a shorter and a longer time in samples")
-            require(stable, "memory of free poles", memory, "None, or stable poles")
+            require(stable, "memory of free poles", memory, "None, or stable poles,")
         self.inputs, self.units, self.order = inputs, units, order
         self.activation, self.stable = activation, stable
 

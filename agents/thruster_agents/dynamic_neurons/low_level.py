@@ -214,8 +214,8 @@ class LowLevelClassifier:
         if v.ndim != 2 or v.shape != i.shape or v.shape[1] <= self.settings.stride:
             few = self.settings.stride
             raise ValueError(
-                f"voltage must have the shape (pulses, samples) for both, more than {few} samples, got "
-                f"{v.shape} and current {i.shape}"
+                f"voltage has the shape {v.shape} and current {i.shape}; (pulses, samples) for both, more "
+                f"than {few} samples, would be right"
             )
         for name, signal in (("voltage", v), ("current", i)):
             if not np.isfinite(signal).all():
@@ -227,6 +227,8 @@ class LowLevelClassifier:
             charged = v[:, :_CHARGED].mean(axis=1) if charge_voltage is None else charge_voltage
             charged = np.asarray(charged, np.float64)
             if charged.shape != v.shape[:1]:
-                raise ValueError(f"charge_voltage must have the shape {v.shape[:1]}, got {charged.shape}")
+                raise ValueError(
+                    f"charge_voltage has the shape {charged.shape}; {v.shape[:1]} would be right"
+                )
             seen = np.repeat(charged[:, np.newaxis], measured.shape[1] - 1, axis=1)
         return (seen / self.settings.voltage_scale)[..., np.newaxis], measured

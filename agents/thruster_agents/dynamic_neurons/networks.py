@@ -110,7 +110,7 @@ class SequenceNetwork(nn.Module, abc.ABC):
     def _checked(self, inputs: ArrayLike, wide: int) -> FloatArray:
         seen = np.ascontiguousarray(inputs, np.float64)
         if seen.ndim != 3 or seen.shape[2] != wide:
-            raise ValueError(f"inputs must have the shape (batch, time, {wide}), got {seen.shape}")
+            raise ValueError(f"inputs has the shape {seen.shape}; (batch, time, {wide}) would be right")
         return seen
 
 

@@ -117,14 +117,14 @@ def train(
     settings = TrainingSettings() if settings is None else settings
     if settings.gradient != "autograd" and not isinstance(network, DynamicNetwork):
         raise ValueError(
-            f"gradient must be 'autograd', got {settings.gradient!r} for a {type(network).__name__}"
+            f"gradient is {settings.gradient!r} for a {type(network).__name__}; 'autograd' would be right"
         )
     seen = torch.from_numpy(np.array(inputs, np.float64))
     wanted = torch.from_numpy(np.array(targets, np.float64))
     if seen.ndim != 3 or seen.shape[2] != network.inputs or wanted.shape != seen.shape[:2]:
         raise ValueError(
-            f"inputs must have the shape (batch, time, {network.inputs}) and (batch, time), got "
-            f"{tuple(seen.shape)} and targets {tuple(wanted.shape)}"
+            f"inputs have the shape {tuple(seen.shape)} and targets {tuple(wanted.shape)}; "
+            f"(batch, time, {network.inputs}) and (batch, time) would be right"
         )
     with one_thread():
         return _Run(network, seen, wanted[..., None], settings, checkpoint).go(progress)
@@ -169,8 +169,8 @@ class _Run:
             self._note(float(self._error()) / self.scale)
             if not math.isfinite(self.errors[0]):
                 raise ValueError(
-                    "the mean square error must be finite before the first step (other parameters, stable "
-                    f"poles), got {self.errors[0]}"
+                    f"the mean square error is {self.errors[0]} before the first step; "
+                    "a network with other parameters, or stable poles, would be right"
                 )
         while len(self.errors) <= self.settings.iterations and min(self.errors) > self.settings.stop:
             if not self._step():
@@ -263,7 +263,7 @@ class _Run:
         vector = saved.get("parameters") if isinstance(saved, dict) else None
         if not isinstance(vector, torch.Tensor) or vector.numel() != count:
             there = vector.numel() if isinstance(vector, torch.Tensor) else "no"
-            raise ValueError(f"{path} must have the {count} parameters of the network, got {there}")
+            raise ValueError(f"{path} has {there} parameters; {count}, those of the network, would be right")
         errors, state = saved.get("errors"), saved.get("optimiser")
         form = {
             "parameters": self.best,

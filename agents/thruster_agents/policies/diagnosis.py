@@ -47,7 +47,7 @@ class DiagnosisPolicy(ActorCriticPolicy):
 
     def _build_mlp_extractor(self) -> None:
         if not isinstance(self.action_space, spaces.Box):
-            raise ValueError(f"the action space must be a Box, got {self.action_space}")
+            raise ValueError(f"the action space is {self.action_space}; a Box would be right")
         # SB3 declares a class of its own here, and asks for nothing but these methods.
         self.mlp_extractor = _Networks(
             self.features_dim, self.action_space.shape[0], self.hidden, self.value_hidden, self.log_std_init
@@ -79,8 +79,8 @@ class _Networks(nn.Module):
         super().__init__()
         if observation_size != 18 + 4 * thrusters:
             raise ValueError(
-                f"the observation must have the {18 + 4 * thrusters} numbers of ThrusterMapping-v0 with "
-                f"{thrusters} thrusters under BeliefAction, got {observation_size}"
+                f"the observation has {observation_size} numbers; {18 + 4 * thrusters}, those of "
+                f"ThrusterMapping-v0 with {thrusters} thrusters under BeliefAction, would be right"
             )
         self.thrusters, self.log_std = thrusters, log_std
         # Columns of the fields of ThrusterMapping-v0, and of the belief that BeliefAction adds.

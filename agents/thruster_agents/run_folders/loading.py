@@ -74,10 +74,10 @@ def load(
         ValueError: Another task or method, or a run that has no such policy or is damaged.
     """
     if task_id != TASK:
-        raise ValueError(f"task_id must be {TASK!r}, got {task_id!r}")
+        raise ValueError(f"task_id is {task_id!r}; {TASK!r} would be right")
     form = next((one for one in FORMS if one == method), None)
     if form is None:
-        raise ValueError(f"method must be {' or '.join(map(repr, FORMS))}, got {method!r}")
+        raise ValueError(f"method is {method!r}; {' or '.join(map(repr, FORMS))} would be right")
     folder = RunFolder(Path(run)) if run is not None else latest_run(Path(runs))
     configuration, spacecraft = read_configuration(folder), folder.spacecraft()
     check_task(folder, spacecraft)

@@ -81,7 +81,7 @@ class ChaserPilot:
         retreating: (vehicles,), whether the approach has been given up.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class ChaserPilot:
         seen = np.asarray(observation, np.float64)
         rows = seen.reshape(-1, seen.shape[-1]).copy()
         if rows.shape[0] != self._vehicles:
-            raise ValueError(f"observation must have {self._vehicles} rows, got {rows.shape[0]}")
+            raise ValueError(f"observation has {rows.shape[0]} rows; {self._vehicles} would be right")
         period = self._begin_period(rows)
         self._carry_out_due(period)
         self._detect(period)

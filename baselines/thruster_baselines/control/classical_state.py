@@ -121,22 +121,22 @@ class DiagnosisSettings:
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarm_rate < 1.0:
             raise ValueError(
-                f"false_alarm_rate must be a rate above 0 and below 1, got {self.false_alarm_rate}"
+                f"false_alarm_rate is {self.false_alarm_rate}; a rate above 0 and below 1 would be right"
             )
         for name in ("lead", "first_deviation", "open_deviation", "dead_deviation", "refining",
                      "initial_deviation", "drift", "probe_interval", "probe_pulse"):  # fmt: skip
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} must be a finite number of 0 or more, got {value}")
+                raise ValueError(f"{name} is {value}; a finite number of 0 or more would be right")
         if not 0.0 <= self.dead_level < self.healthy_level <= 1.0:
             raise ValueError(
-                f"dead_level must be shares from 0 to 1, the first below the second, got {self.dead_level} "
-                f"and healthy_level {self.healthy_level}"
+                f"dead_level is {self.dead_level} and healthy_level {self.healthy_level}; shares from 0 to "
+                "1, the first below the second, would be right"
             )
         if not all(0.0 <= value < math.inf for value in self.pointing):
-            raise ValueError(f"pointing must be two finite numbers of 0 or more, got {self.pointing}")
+            raise ValueError(f"pointing is {self.pointing}; two finite numbers of 0 or more would be right")
         if self.longest_gap < 1:
-            raise ValueError(f"longest_gap must be at least 1, got {self.longest_gap}")
+            raise ValueError(f"longest_gap is {self.longest_gap}; one or more would be right")
 
 
 def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:

@@ -42,23 +42,23 @@ class _Watch:
         task: Any = getattr(env.unwrapped, "task", None)
         if not hasattr(task, "navigation_delay"):
             raise TypeError(
-                f"environment must be MarsRendezvous-v1, got {type(env.unwrapped).__name__}, which shows no "
-                "navigation"
+                f"{type(env.unwrapped).__name__} shows no navigation to a detector; MarsRendezvous-v1 would "
+                "be right"
             )
         if task.navigation_delay == 0:
             raise ValueError(
-                "navigation_delay must be at least 1, so that a sample is seen before the command that "
-                "belongs to it, got 0"
+                "navigation_delay is 0, so that a sample is seen before the command that belongs to it; "
+                "1 or more would be right"
             )
         if np.shape(detector.detected) != (count,):
             raise ValueError(
-                f"detector must be for {count} vehicles, got one for {np.size(detector.detected)}"
+                f"the detector watches {np.size(detector.detected)} vehicles; {count} would be right"
             )
         vehicle = task.vehicle
         known = np.shape(detector.effectiveness)[-1]
         if known != vehicle.number_of_thrusters:
             raise ValueError(
-                f"detector must be for {vehicle.number_of_thrusters} thrusters, got one for {known}"
+                f"the detector is for {known} thrusters; {vehicle.number_of_thrusters} would be right"
             )
         self.n, self.delay, self.detector = vehicle.number_of_thrusters, task.navigation_delay, detector
         self.controller = ApproachController(vehicle, task.steps, distance=task.distance)
@@ -90,8 +90,8 @@ class _Watch:
         over = elapsed == self.controller.steps
         if ((elapsed != self.elapsed + 1.0) & ~begins & ~over).any():
             raise RuntimeError(
-                "HoldAction must be around the wrapper with the detector, got control periods that the "
-                "detector has not seen"
+                "control periods went by unseen by the detector; HoldAction around the wrapper with the "
+                "detector would be right"
             )
         rates = self.controller.open_rates_told(rows)
         shut = rates < self.minimum

@@ -122,7 +122,7 @@ class ObservationReader:
         seen = np.asarray(observation, dtype=np.float64)
         size = self._fields.columns("expected_change").stop
         if seen.ndim != 1 or seen.size < size:
-            raise ValueError(f"observation must have the shape ({size},) or more, got {seen.shape}")
+            raise ValueError(f"observation has the shape {seen.shape}; ({size},) or more would be right")
         return self._fields(seen)
 
     def _check_length(self, second: Reading) -> None:
@@ -132,8 +132,8 @@ class ObservationReader:
         wrong = min(abs(periods), abs(periods - 1.0)) > self._steps * np.finfo(np.float32).eps + _ROUNDING
         if wrong and 0.0 < elapsed < 1.0 and second.within(*_MOTION).all():
             raise ValueError(
-                f"steps must be {round(1.0 / elapsed)}, as the time to go of the second observation has it "
-                f"(`task.steps` of the unwrapped environment), got {self._steps}"
+                f"steps is {self._steps}; {round(1.0 / elapsed)}, as the time to go of the second "
+                "observation has it (`task.steps` of the unwrapped environment), would be right"
             )
 
     def _refuse(self, why: str) -> Measured | None:

@@ -58,7 +58,7 @@ class QuaternionTeam:
         dead_band: float = 2.0,
     ) -> None:
         if action not in ("pulses", "duties"):
-            raise ValueError(f"action must be 'pulses' or 'duties', got {action!r}")
+            raise ValueError(f"action is {action!r}; 'pulses' or 'duties' would be right")
         self._pilot = AttitudePilot.of(
             spacecraft, largest_angle=largest_angle, rate_factor=rate_factor, dead_band=dead_band
         )

@@ -161,7 +161,7 @@ class RendezvousController:
         matrix = np.array(effectiveness, dtype=np.float64)
         if matrix.shape != self._nominal.shape or not np.isfinite(matrix).all():
             raise ValueError(
-                f"effectiveness must have the shape {self._nominal.shape}, finite, got {matrix.shape}"
+                f"effectiveness has the shape {matrix.shape}; {self._nominal.shape}, finite, would be right"
             )
         self.navigation.effectiveness = matrix
         self._firing = None if firing is None or not np.any(firing) else np.array(firing, dtype=np.float64)

@@ -149,8 +149,8 @@ class ValveAllocation:
         if not (least <= most).all():
             vehicle, thruster = np.argwhere(~(least <= most))[0]
             raise ValueError(
-                f"lower must be no more than upper, which is {most[vehicle, thruster]}, got "
-                f"{least[vehicle, thruster]} of vehicle {vehicle}, thruster {thruster + 1}"
+                f"lower is {least[vehicle, thruster]} of vehicle {vehicle}, thruster {thruster + 1}; no more "
+                f"than upper, which is {most[vehicle, thruster]}, would be right"
             )
         smallest = wanted @ self.inverse.T
         raised = np.asarray(idle, np.float64) - smallest.min(axis=1, keepdims=True)

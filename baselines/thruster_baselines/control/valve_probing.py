@@ -106,7 +106,7 @@ class ValveProbing:
         self.settings = settings
         self.groups = balanced_groups(wrenches)
         for thruster in np.flatnonzero(~(self.groups > 0.0).any(axis=0)):
-            raise ValueError(f"thruster {thruster + 1} must be balanced by others to be probed, got none")
+            raise ValueError(f"thruster {thruster + 1} is balanced by no others; no probe would be right")
         self._own: IntArray = (self.groups > 0.0).argmax(axis=0)  # a group of each thruster
         self._every = max(1, round(settings.interval / period))
         self._search, self._question = np.array(settings.search), np.array(settings.question)

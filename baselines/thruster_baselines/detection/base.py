@@ -116,7 +116,7 @@ class BaseDetector(ABC):
         last: The interval last taken in.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class BaseDetector(ABC):
                 f"{suggestion(unknown[0], FilterSettings.__annotations__)}"
             )
         if not threshold >= 0.0:
-            raise ValueError(f"threshold must be a number of 0 or more, got {threshold}")
+            raise ValueError(f"threshold is {threshold}; a number of 0 or more would be right")
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
         self.threshold = float(threshold)
@@ -259,8 +259,8 @@ class BaseDetector(ABC):
             return f"the rate change of vehicle {vehicle} is missing"
         if reason == LATE:
             return (
-                f"the rate change of vehicle {vehicle} must be that of the interval that has just ended, got "
-                f"one that is {self._age[vehicle]:g} s old"
+                f"the rate change of vehicle {vehicle} is {self._age[vehicle]:g} s old; that of the interval "
+                "that has just ended would be right"
             )
         k = int(self._intake[_AXIS, vehicle])
         value = interval.rate_change[vehicle, k]
@@ -293,13 +293,13 @@ class BaseDetector(ABC):
         commanded = self._whole(on_times, n, "on_times")
         measured = self._whole(rate_change, m, "rate_change")
         if not (duration > 0.0 and math.isfinite(duration)):
-            raise ValueError(f"duration must be a positive number of s, got {duration}")
+            raise ValueError(f"duration is {duration}; a positive number of s would be right")
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
         if there.shape != (count,):
-            raise ValueError(f"valid must have the shape ({count},), got {there.shape}")
+            raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
         ages = self._no_age if age is None else np.array(age, dtype=np.float64)
         if ages.shape != (count,):
-            raise ValueError(f"age must have the shape ({count},), got {ages.shape}")
+            raise ValueError(f"age has the shape {ages.shape}; ({count},) would be right")
         effective = np.empty((count, n))
         wrong = _validate_input(
             commanded, measured, there, ages, float(duration), self._input_limits, self._intake, self.time,
@@ -308,8 +308,8 @@ class BaseDetector(ABC):
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), n)
             raise ValueError(
-                f"on_times of vehicle {vehicle}, thruster {thruster + 1} must be a number of s from 0 to the "
-                f"duration of {duration:g} s, got {commanded[vehicle, thruster]}"
+                f"on_times of vehicle {vehicle}, thruster {thruster + 1} is {commanded[vehicle, thruster]}; "
+                f"a number of s from 0 to the duration of {duration:g} s would be right"
             )
         self._age = ages
         before = self.filter.effectiveness.copy()

@@ -176,15 +176,15 @@ def threshold_for_rate(statistics: ArrayLike, false_alarms: float, confidence: f
     """
     values = np.asarray(statistics, dtype=np.float64)
     if not 0.0 < false_alarms < 1.0:
-        raise ValueError(f"false_alarms must be a rate above 0 and below 1, got {false_alarms}")
+        raise ValueError(f"false_alarms is {false_alarms}; a rate above 0 and below 1 would be right")
     if not 0.5 < confidence < 1.0:
-        raise ValueError(f"confidence must be above 0.5 and below 1, got {confidence}")
+        raise ValueError(f"confidence is {confidence}; above 0.5 and below 1 would be right")
     if values.ndim not in (1, 2) or values.size == 0:
         raise ValueError(
-            f"statistics must have the shape (samples,) or (flights, intervals), got {values.shape}"
+            f"statistics has the shape {values.shape}; (samples,) or (flights, intervals) would be right"
         )
     if np.isnan(values).any():
-        raise ValueError("statistics must be numbers, got NaN")
+        raise ValueError("statistics has an entry that is no number; those of a detector would be right")
     intervals = 1 if values.ndim == 1 else values.shape[1]
     largest = values if values.ndim == 1 else values.max(axis=1)
     samples = largest.size
@@ -193,8 +193,8 @@ def threshold_for_rate(statistics: ArrayLike, false_alarms: float, confidence: f
     if samples < needed:
         what = "samples" if values.ndim == 1 else f"flights of {intervals} intervals"
         raise ValueError(
-            f"{what} must be at least {needed} to show a rate of {false_alarms} per interval with a "
-            f"confidence of {confidence}, got {samples}"
+            f"{samples} {what} cannot show a rate of {false_alarms} per interval with a confidence of "
+            f"{confidence}; {needed} or more would be right"
         )
     low, high = 0, samples  # exceedances: low is allowed, high is not
     while high - low > 1:
@@ -232,11 +232,11 @@ def largest_scaled_threshold(residuals: ArrayLike, scale: ArrayLike) -> FloatArr
     """
     values, factor = np.asarray(residuals, dtype=np.float64), np.asarray(scale, dtype=np.float64)
     if values.ndim == 0 or len(values) == 0:
-        raise ValueError(f"residuals must be at least one sample, got the shape {values.shape}")
+        raise ValueError(f"residuals has the shape {values.shape}; one sample or more would be right")
     if not np.isfinite(values).all():
-        raise ValueError("residuals must be numbers, got NaN")
+        raise ValueError("residuals has an entry that is no number; those of healthy pulses would be right")
     if not (factor >= 0.0).all():
-        raise ValueError(f"scale must be at least 0, got {factor}")
+        raise ValueError(f"scale is {factor}; zero or more would be right")
     mean = values.mean(axis=0)
     return np.asarray(mean + factor * (values.max(axis=0) - mean))
 
@@ -267,12 +267,14 @@ def threshold_for(false_alarm_rate: float, healthy_statistics: ArrayLike) -> flo
     3.25
     """
     if not 0.0 < false_alarm_rate < 1.0:
-        raise ValueError(f"false_alarm_rate must be a number above 0 and below 1, got {false_alarm_rate}")
+        raise ValueError(
+            f"false_alarm_rate is {false_alarm_rate}; a number above 0 and below 1 would be right"
+        )
     largest = np.asarray(healthy_statistics, dtype=np.float64).max(axis=1)
     if largest.size * false_alarm_rate < 1.0:
         raise ValueError(
-            f"episodes must be at least {int(np.ceil(1.0 / false_alarm_rate))} for a false-alarm rate of "
-            f"{false_alarm_rate}, got {largest.size}"
+            f"{largest.size} episodes cannot tell a false-alarm rate of {false_alarm_rate}; "
+            f"{int(np.ceil(1.0 / false_alarm_rate))} or more would be right"
         )
     return float(np.quantile(largest, 1.0 - false_alarm_rate))
 
@@ -326,10 +328,10 @@ def chi_squared_threshold(false_alarms: float, degrees: int = 1, tests: int = 1)
         from scipy.special import chdtri  # only here: SciPy is slow to import
 
     if not 0.0 < false_alarms < 1.0:
-        raise ValueError(f"false_alarms must be a rate above 0 and below 1, got {false_alarms}")
+        raise ValueError(f"false_alarms is {false_alarms}; a rate above 0 and below 1 would be right")
     for name, number in (("degrees", degrees), ("tests", tests)):
         if number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+            raise ValueError(f"{name} is {number}; one or more would be right")
     return float(chdtri(degrees, false_alarms / tests))
 
 
@@ -375,11 +377,14 @@ def healthy_firings(
     longest = duration if longest is None else longest
     open_thrusters = n if open_thrusters is None else open_thrusters
     if count < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+        raise ValueError(f"count is {count}; one or more would be right")
     if not 0 <= open_thrusters <= n:
-        raise ValueError(f"open_thrusters must be a number from 0 to {n}, got {open_thrusters}")
+        raise ValueError(f"open_thrusters is {open_thrusters}; a number from 0 to {n} would be right")
     if not (0.0 < duration < math.inf and 0.0 <= longest <= duration):
-        raise ValueError(f"longest must be from 0 s to the duration, {duration} s, got {longest}")
+        raise ValueError(
+            f"longest is {longest} and duration {duration}; 0 <= longest <= duration s, finite, would be "
+            "right"
+        )
     rng = np.random.default_rng(seed)
     on_times = np.zeros((count, n))
     chosen = rng.permuted(np.tile(np.arange(n), (count, 1)), axis=1)[:, :open_thrusters]
@@ -390,7 +395,7 @@ def healthy_firings(
     elif scatter == "normal":
         share = 1.0 + bounds / 3.0 * rng.normal(size=on_times.shape)
     else:
-        raise ValueError(f"scatter must be 'uniform' or 'normal', got {scatter!r}")
+        raise ValueError(f"scatter is {scatter!r}; 'uniform' or 'normal' would be right")
     sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
     errors = math.sqrt(2.0 if differenced else 1.0) * sensors * rng.normal(size=(count, 6))
     delivered = share * delivered_on_times(on_times, spacecraft.feed.coupling)

@@ -19,7 +19,7 @@ def rows_of(given: FloatArray, vehicles: int, size: int, name: str) -> FloatArra
     if given.shape == (size,):
         return np.repeat(given[np.newaxis], vehicles, axis=0)
     if given.shape != (vehicles, size):
-        raise ValueError(f"{name} must have the shape ({vehicles}, {size}), got {given.shape}")
+        raise ValueError(f"{name} has the shape {given.shape}; ({vehicles}, {size}) would be right")
     return given
 
 
@@ -34,8 +34,8 @@ def mask_of(given: ArrayLike | None, vehicles: int) -> BoolArray:
     mask = np.asarray(given)
     if mask.shape != (vehicles,) or mask.dtype != np.bool_:
         raise ValueError(
-            f"vehicles must be a bool mask ({vehicles},), got an array of {mask.dtype} and of the shape "
-            f"{mask.shape}"
+            f"vehicles is an array of {mask.dtype} and of the shape {mask.shape}; a mask "
+            f"({vehicles},) would be right"
         )
     return mask
 
@@ -48,8 +48,8 @@ def check_effectiveness(given: FloatArray, vehicles: int, shape: tuple[int, ...]
     """
     if given.shape not in (shape, (vehicles, *shape)):
         raise ValueError(
-            f"effectiveness must have the shape {shape}, or with {vehicles} vehicles in front, got "
-            f"{given.shape}"
+            f"effectiveness has the shape {given.shape}; {shape}, or with {vehicles} vehicles in front, "
+            "would be right"
         )
     if not np.isfinite(given).all():
-        raise ValueError("effectiveness must be finite, m/s^2 and rad/s^2, got an entry that is not")
+        raise ValueError("effectiveness has an entry that is not finite; m/s^2, rad/s^2 would be right")

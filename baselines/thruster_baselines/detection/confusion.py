@@ -72,7 +72,7 @@ class Confusion:
         for name in self.__slots__:
             count = operator.index(getattr(self, name))
             if count < 0:
-                raise ValueError(f"{name} must be at least 0, got {count}")
+                raise ValueError(f"{name} is {count}; zero or more would be right")
 
     @classmethod
     def of(cls, faulty: ArrayLike, declared: ArrayLike) -> Confusion:
@@ -90,7 +90,9 @@ class Confusion:
         """
         truth, said = np.asarray(faulty, dtype=np.bool_), np.asarray(declared, dtype=np.bool_)
         if truth.shape != said.shape:
-            raise ValueError(f"declared must have the shape of faulty, {truth.shape}, got {said.shape}")
+            raise ValueError(
+                f"declared has the shape {said.shape}; that of faulty, {truth.shape}, would be right"
+            )
         both = (truth & said, truth & ~said, ~truth & said, ~truth & ~said)
         return cls(*(int(np.count_nonzero(one)) for one in both))
 
@@ -202,4 +204,4 @@ class Confusion:
                 return self.cleared, self.missed + self.cleared
             case "precision":
                 return self.detected, self.detected + self.false_alarms
-        raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
+        raise ValueError(f"measure is {measure!r}; one of {', '.join(MEASURES)} would be right")

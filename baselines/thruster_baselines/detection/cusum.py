@@ -46,7 +46,7 @@ class CUSUMDetector(BaseDetector):
         sums: (vehicles, 2, n): the evidence for a loss, and for thrust without command.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = CUSUMDetector("orion", threshold=10.0, noise=PhysicalNoise("orion"), coupling=0.0)
@@ -68,7 +68,7 @@ class CUSUMDetector(BaseDetector):
     ) -> None:
         for name, size in (("design_loss", design_loss), ("design_excess", design_excess)):
             if not 0.0 < size <= 1.0:
-                raise ValueError(f"{name} must be a share above 0 and up to 1, got {size}")
+                raise ValueError(f"{name} is {size}; a share above 0 and up to 1 would be right")
         self._design = np.array([design_loss, design_excess])
         super().__init__(spacecraft, threshold, **settings)
 

@@ -62,7 +62,8 @@ class ObservedFiring:
         seen = np.asarray(observations, dtype=np.float64)
         if seen.ndim != 2 or seen.shape[1] < self._read.columns("measured_change").stop:
             raise ValueError(
-                f"observations must have the shape (worlds, size), a row for each world, got {seen.shape}"
+                f"observations has the shape {seen.shape}; (worlds, size), a row for each world, would be "
+                "right"
             )
         reading = self._read(seen)
         return reading.duties * self.duration, reading.measured_change
@@ -78,8 +79,8 @@ def reader_with(environment: Any, *names: str) -> Reader:
     for name in names:
         if name not in reader:
             raise ValueError(
-                f"environment must observe {', '.join(repr(one) for one in names)}, got "
-                f"{type(task).__name__} without {name!r}"
+                f"the observation of {type(task).__name__} has no {name!r}; an environment with the fields "
+                f"{', '.join(repr(one) for one in names)} would be right"
             )
     return reader
 
@@ -88,7 +89,7 @@ def _task_of(environment: Any) -> Any:
     """What is flown in an environment of this suite."""
     task = getattr(environment.unwrapped, "task", None)
     if task is None:
-        raise ValueError(f"environment must be one of this suite, got {environment}")
+        raise ValueError(f"environment is {environment}; one of this suite would be right")
     return task
 
 
@@ -129,10 +130,10 @@ class EnvironmentFlights:
         for name in ("periods", "worlds"):
             value = getattr(self, name)
             if value is not None and value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}")
+                raise ValueError(f"{name} is {value}; one or more would be right")
         one_fault_each(self.faults)
         if "faults" in self.arguments:
-            raise ValueError("arguments must be without 'faults', which is a field of these flights, got it")
+            raise ValueError("arguments has 'faults'; the field `faults` of these flights would be right")
 
     def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:
         """One flight for each seed.
@@ -160,22 +161,20 @@ class EnvironmentFlights:
             if not any(f"'{own}'" in str(error) for own in ("autoreset_mode", "faults")):
                 raise
             raise ValueError(
-                f"environment must be one of this suite that takes faults, got {self.environment!r}"
+                f"environment is {self.environment!r}, which takes no faults; one of this suite would be "
+                "right"
             ) from None
         task: Any = env.unwrapped.task  # type: ignore[attr-defined]
         if task.number_of_craft > 1:
             raise ValueError(
-                f"environment must have one craft, got {self.environment!r} with {task.number_of_craft}"
+                f"{self.environment} has {task.number_of_craft} craft; an environment of one would be right"
             )
         periods = self.periods or task.max_episode_steps
         if periods is None:
-            raise ValueError(
-                f"periods must be a number where the environment has no end, as {self.environment}, got None"
-            )
+            raise ValueError(f"periods is None, and {self.environment} has no end; a number would be right")
         if self.policy is None and task.choices is None:
             raise ValueError(
-                f"policy must be given where the environment does not fly by itself, as {self.environment}, "
-                "got None"
+                f"policy is None, and {self.environment} does not fly by itself; one would be right"
             )
         flown = fly(
             env, self.policy or "idle", seeds, steps=periods, past_end=True,

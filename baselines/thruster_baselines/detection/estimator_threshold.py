@@ -70,8 +70,8 @@ class EstimatorThreshold(LimitedDetector):
         super().__init__(spacecraft, threshold, SOURCE_LOST_SHARE, false_alarms=false_alarms, **settings)
         if self.filter.form == "known":
             raise ValueError(
-                "process_noise or initial_covariance must be positive, so that the estimate moves, got 0 for "
-                "both"
+                "process_noise and initial_covariance are 0, so that the estimate never moves; a positive "
+                "variance would be right"
             )
 
     def _diagnose(self, interval: Interval) -> Verdict:

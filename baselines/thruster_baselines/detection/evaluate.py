@@ -258,8 +258,8 @@ def by_model_comparison(comparison: ModelComparison) -> Identifier:
         last = getattr(detector, "last", None)
         if last is None:
             raise ValueError(
-                "detector must be built on BaseDetector or have an identifier of its own, got "
-                f"{type(detector).__name__} without an interval in `last`"
+                f"{type(detector).__name__} keeps no interval in `last`; a detector built on BaseDetector, "
+                "or an identifier of its own, would be right"
             )
         answer, size = comparison(last, thruster), least_squares_severity(last, thruster)
         kinds = np.array(answer.kind)
@@ -304,7 +304,8 @@ def evaluate(
     both = set(validation) & set(test)
     if both:
         raise ValueError(
-            f"validation and test must be disjoint, as in thruster_envs.seeds, got seed {min(both)} in both"
+            f"seed {min(both)} is in validation and in test; disjoint sets, as in thruster_envs.seeds, would "
+            "be right"
         )
     validated = statistics_of(make, source(validation, False))
     calibration = threshold_for_rate(validated, false_alarms, confidence)

@@ -50,7 +50,7 @@ class FilterBank(BaseDetector):
         log_weights: (vehicles, 1 + 3 n): no fault, then off, weak and on of each thruster.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = FilterBank("orion", threshold=5.0, noise=PhysicalNoise("orion"), coupling=0.0)
@@ -71,15 +71,15 @@ class FilterBank(BaseDetector):
         **settings: Unpack[FilterSettings],
     ) -> None:
         if not 0.0 < weak_share < 1.0:
-            raise ValueError(f"weak_share must be between 0 and 1, got {weak_share}")
+            raise ValueError(f"weak_share is {weak_share}; between 0 and 1 would be right")
         if not 0.0 < floor < 1.0:
-            raise ValueError(f"floor must be between 0 and 1, got {floor}")
+            raise ValueError(f"floor is {floor}; between 0 and 1 would be right")
         self.weak_share, self._floor, self._log_floor = weak_share, floor, float(np.log(floor))
         super().__init__(spacecraft, threshold, **settings)
         hypotheses = self.log_weights.shape[1]
         if not floor < 1.0 / hypotheses:
             raise ValueError(
-                f"floor must be below 1 / {hypotheses}, as there are so many hypotheses, got {floor}"
+                f"floor is {floor}; below 1 / {hypotheses}, as there are so many hypotheses, would be right"
             )
 
     def _begin(self, mask: BoolArray) -> None:

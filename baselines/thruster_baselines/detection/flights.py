@@ -182,25 +182,27 @@ class RandomFlights:
     def __post_init__(self) -> None:
         if not isinstance(self.spacecraft, Spacecraft):
             raise ValueError(
-                "spacecraft must be a description, as `thruster_envs.spacecraft.load` gives it, got "
-                f"{self.spacecraft!r}"
+                f"spacecraft is {self.spacecraft!r}; a description, as `thruster_envs.spacecraft.load` gives "
+                "it, would be right"
             )
         if self.intervals < 1:
-            raise ValueError(f"intervals must be at least 1, got {self.intervals}")
+            raise ValueError(f"intervals is {self.intervals}; one or more would be right")
         if not 0.0 < self.duration < math.inf:
-            raise ValueError(f"duration must be a positive number of s, got {self.duration}")
+            raise ValueError(f"duration is {self.duration}; a positive number of s would be right")
         for name in ("open_share", "bad_measurements"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
-                raise ValueError(f"{name} must be a share from 0 to 1, got {value}")
+                raise ValueError(f"{name} is {value}; a share from 0 to 1 would be right")
         if self.longest is not None and not 0.0 < self.longest <= self.duration:
             raise ValueError(
-                f"longest must be above 0 and up to the duration of {self.duration} s, got {self.longest}"
+                f"longest is {self.longest}; above 0 and up to the duration of {self.duration} s would be "
+                "right"
             )
         one_fault_each(self.faults)
         if "misalignment" in self.faults.kind_weights():
             raise ValueError(
-                "faults must be of other kinds here, or flown in an environment, got misalignment"
+                "faults has misalignment, which these flights do not model; other kinds, or flights of an "
+                "environment, would be right"
             )
 
     def __call__(self, seeds: Sequence[int], faulty: bool) -> Flights:

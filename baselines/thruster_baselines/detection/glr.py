@@ -63,7 +63,7 @@ class GLRDetector(LimitedDetector):
         limit: (vehicles,), what l had to exceed in the last interval.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be. No threshold where
+        ValueError: A value that cannot be; the message says which and what would be right. No threshold where
             none follows: a filter that learns by axis, or, in `update`, an effectiveness matrix.
 
     >>> detector = GLRDetector("orion", coupling=0.0)

@@ -110,21 +110,21 @@ class ModelComparison:
             spacecraft = load(spacecraft)
         for angle in tilts:
             if not 0.0 < angle <= math.pi / 2:
-                raise ValueError(f"tilts must be angles above 0 and at most pi/2 rad, got {angle}")
+                raise ValueError(f"tilts has {angle}; an angle above 0 and at most pi/2 rad would be right")
         if sides < 1:
-            raise ValueError(f"sides must be at least 1, got {sides}")
+            raise ValueError(f"sides is {sides}; one or more would be right")
         turned: list[FloatArray] = []
         if isinstance(spacecraft, Spacecraft):
             coupling = spacecraft.feed.coupling if coupling is None else coupling
             turned = [one for angle in tilts for one in _turned(spacecraft, angle, sides)]
             spacecraft = spacecraft.number_of_thrusters
         elif tilts:
-            raise ValueError(f"spacecraft must be a spacecraft where tilts are given, got {spacecraft}")
+            raise ValueError(f"spacecraft is {spacecraft}; with tilts a spacecraft would be right")
         self._shares = thrust_shares(0.0 if coupling is None else coupling, spacecraft)
         for name, levels in (("losses", losses), ("openings", openings)):
             for level in levels:
                 if not 0.0 < level < 1.0:
-                    raise ValueError(f"{name} must be a share between 0 and 1, got the level {level}")
+                    raise ValueError(f"{name} has the level {level}; a share between 0 and 1 would be right")
         self.models: tuple[tuple[str, float], ...] = (
             ("none", 0.0), ("stuck_off", 1.0), ("stuck_on", 1.0),
             *(("loss", float(level)) for level in losses),
@@ -202,11 +202,11 @@ def _turned(spacecraft: Spacecraft, angle: float, sides: int) -> Iterator[FloatA
 
 def _named(interval: Interval | None, thruster: ArrayLike) -> IntArray:
     if interval is None:
-        raise ValueError("interval must be `BaseDetector.last` after an update, got None")
+        raise ValueError("interval is None; `BaseDetector.last` after an update would be right")
     named = np.asarray(thruster, dtype=np.int64)
     count, n = interval.on_times.shape
     if named.shape != (count,) or (named < 0).any() or (named > n).any():
-        raise ValueError(f"thruster must be {count} numbers from 0 to {n}, got {named.tolist()}")
+        raise ValueError(f"thruster is {named.tolist()}; {count} numbers from 0 to {n} would be right")
     return named
 
 

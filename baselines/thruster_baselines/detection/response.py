@@ -53,9 +53,9 @@ class ResponseTest:
 
     def __init__(self, spacecraft: Spacecraft, threshold: float, vehicles: int = 1) -> None:
         if not threshold >= 0.0:
-            raise ValueError(f"threshold must be a number of 0 or more, got {threshold}")
+            raise ValueError(f"threshold is {threshold}; a number of 0 or more would be right")
         if vehicles < 1:
-            raise ValueError(f"vehicles must be at least 1, got {vehicles}")
+            raise ValueError(f"vehicles is {vehicles}; one or more would be right")
         sensors = spacecraft.sensors
         noise = np.sqrt(2.0) * np.repeat([sensors.velocity, sensors.rate], 3)
         smallest = 1e-3 * np.where(spacecraft.authority() > 0.0, spacecraft.authority(), 1.0)

@@ -47,7 +47,7 @@ class WindowedGLR(BaseDetector):
         share: (vehicles,), its likeliest size, 0 to 1.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> from thruster_baselines.estimation import PhysicalNoise
     >>> detector = WindowedGLR("orion", threshold=30.0, noise=PhysicalNoise("orion"), coupling=0.0)
@@ -67,7 +67,7 @@ class WindowedGLR(BaseDetector):
         **settings: Unpack[FilterSettings],
     ) -> None:
         if window < 1:
-            raise ValueError(f"window must be at least one interval, got {window}")
+            raise ValueError(f"window is {window}; one interval or more would be right")
         self.window = window
         super().__init__(spacecraft, threshold, **settings)
 

@@ -80,11 +80,11 @@ class CalibrationSweep:
             spacecraft = load(spacecraft)
         if not 0.0 < pulse <= spacecraft.control_period:
             raise ValueError(
-                "pulse must be a number of s above 0 and up to the control period, "
-                f"{spacecraft.control_period:g}, got {pulse}"
+                f"pulse is {pulse}; a number of s above 0 and up to the control period, "
+                f"{spacecraft.control_period:g}, would be right"
             )
         if repetitions < 1:
-            raise ValueError(f"repetitions must be at least 1, got {repetitions}")
+            raise ValueError(f"repetitions is {repetitions}; one or more would be right")
         self._noise = PhysicalNoise(spacecraft)
         self._believed = spacecraft.effectiveness()
         self.order = np.tile(_slow_order(self._believed), repetitions)
@@ -106,15 +106,15 @@ class CalibrationSweep:
         m = self._believed.shape[0]
         if measured.shape != (firings, m):
             raise ValueError(
-                f"rate_changes must have the shape ({firings}, {m}), one row for each firing, got "
-                f"{measured.shape}"
+                f"rate_changes has the shape {measured.shape}; ({firings}, {m}), one row for each firing, "
+                "would be right"
             )
         finite = np.isfinite(measured).all(axis=1)
         if not finite.all():
             at = int(np.argmin(finite))
             raise ValueError(
-                f"rate_changes of firing {at + 1} (thruster {self.order[at]}) must be finite numbers, got "
-                f"{measured[at].tolist()}"
+                f"rate_changes of firing {at + 1} (thruster {self.order[at]}) is {measured[at].tolist()}; "
+                "finite numbers would be right"
             )
         design = np.kron(self.on_times, np.eye(m))  # (firings m, n m), columns of the effectiveness stacked
         columns = self._believed.T.ravel()

@@ -89,9 +89,9 @@ class EffectivenessFilter:
         else:
             nominal = np.array(spacecraft, dtype=np.float64)
         if nominal.ndim != 2 or not np.isfinite(nominal).all():
-            raise ValueError(f"effectiveness must be a finite (m, n), got the shape {nominal.shape}")
+            raise ValueError(f"effectiveness has the shape {nominal.shape}; a finite (m, n) would be right")
         if vehicles < 1:
-            raise ValueError(f"vehicles must be at least 1, got {vehicles}")
+            raise ValueError(f"vehicles is {vehicles}; one or more would be right")
         m = nominal.shape[0]
         self._nominal, self._vehicles = nominal, vehicles
         self._process = _per_axis(process_noise, m, "process_noise")
@@ -121,8 +121,8 @@ class EffectivenessFilter:
             return "shared" if diagonal and same else "by_axis" if diagonal else "full"
         if form not in admitted:
             raise ValueError(
-                f"form must be one of {', '.join(sorted(admitted))} or automatic with this noise, got "
-                f"{form!r}"
+                f"form is {form!r}, which this noise does not admit; one of "
+                f"{', '.join(sorted(admitted))} or automatic would be right"
             )
         return form
 
@@ -213,11 +213,11 @@ class EffectivenessFilter:
         count = self._vehicles
         times = _batch(on_times, count, n, "on_times")
         if not np.isfinite(times).all():
-            raise ValueError("on_times must be finite, s, got an entry that is not")
+            raise ValueError("on_times has an entry that is not finite; s of firing would be right")
         measured = _batch(rate_change, count, m, "rate_change")
         there = np.ones(count, np.bool_) if valid is None else np.array(valid, dtype=np.bool_)
         if there.shape != (count,):
-            raise ValueError(f"valid must have the shape ({count},), got {there.shape}")
+            raise ValueError(f"valid has the shape {there.shape}; ({count},) would be right")
         numbers = np.isfinite(measured).all(axis=1)
         self.refused += there & ~numbers
         there &= numbers
@@ -225,12 +225,13 @@ class EffectivenessFilter:
         if measurement_noise is not None:
             if self.form in ("shared", "by_axis"):
                 raise ValueError(
-                    f"form must be 'full' for a measurement_noise of each update, got {self.form!r}"
+                    f"measurement_noise is given for each update, which the form {self.form!r} does not "
+                    "admit; form='full' would be right"
                 )
             noises = np.array(measurement_noise, dtype=np.float64, order="C")
             if noises.shape not in ((1, m, m), (count, m, m)):
                 raise ValueError(
-                    f"measurement_noise must have the shape ({count}, {m}, {m}), got {noises.shape}"
+                    f"measurement_noise has the shape {noises.shape}; ({count}, {m}, {m}) would be right"
                 )
         return self.advance(times, measured, there, noises)
 
@@ -275,7 +276,7 @@ class EffectivenessFilter:
         """
         m, n = self._nominal.shape
         if not 1 <= thruster <= n:
-            raise ValueError(f"thruster must be a number from 1 to {n}, got {thruster}")
+            raise ValueError(f"thruster is {thruster}; a number from 1 to {n} would be right")
         mask, i = np.asarray(vehicles, dtype=np.bool_), thruster - 1
         self.effectiveness[mask, :, i] = column
         if self.form == "known":
@@ -299,7 +300,8 @@ def _per_axis(given: ArrayLike, m: int, name: str) -> FloatArray:
     values = np.full(m, values) if values.ndim == 0 else values
     if values.shape != (m,) or not (np.isfinite(values) & (values >= 0.0)).all():
         raise ValueError(
-            f"{name} must be a variance, or one for each of {m} axes, zero or more, got {values.tolist()}"
+            f"{name} is {values.tolist()}; a variance, or one for each of {m} axes, zero or more, "
+            "would be right"
         )
     return values
 
@@ -310,11 +312,11 @@ def _measurement_noise(given: ArrayLike, m: int) -> FloatArray:
         values = np.diag(_per_axis(values, m, "measurement_noise"))
     if values.shape != (m, m) or not np.isfinite(values).all() or not np.array_equal(values, values.T):
         raise ValueError(
-            f"measurement_noise must be a variance, ({m},), or a symmetric ({m}, {m}), got the shape "
-            f"{values.shape}"
+            f"measurement_noise has the shape {values.shape}; a variance, ({m},), or a symmetric ({m}, {m}) "
+            "would be right"
         )
     if np.linalg.eigvalsh(values).min() <= 0.0:
-        raise ValueError("measurement_noise must be positive definite, got another matrix")
+        raise ValueError("measurement_noise is not positive definite; positive variances would be right")
     return values
 
 
@@ -323,7 +325,7 @@ def _batch(given: ArrayLike, count: int, size: int, name: str) -> FloatArray:
     if values.shape == (size,):
         values = np.repeat(values[np.newaxis], count, axis=0)
     if values.shape != (count, size):
-        raise ValueError(f"{name} must have the shape ({count}, {size}), got {values.shape}")
+        raise ValueError(f"{name} has the shape {values.shape}; ({count}, {size}) would be right")
     return values
 
 

@@ -84,7 +84,7 @@ class MeasurementGate:
     ...     gate.fired(np.eye(12)[0], duration=5.0)
     >>> gate.measured(at_rest * np.nan, measured_at=5.0)
     >>> gate.last_refusal
-    'position x at 5 s must be a finite number, got nan'
+    'position x at 5 s is nan; a finite number would be right'
     >>> gate.measured(at_rest, measured_at=10.0)  # a receiver that says the same again has stopped
     >>> gate.refused["late"]
     1
@@ -95,7 +95,7 @@ class MeasurementGate:
 
     def __init__(self, spacecraft: Spacecraft | str | Path, *, longest_gap: int = 3) -> None:
         if longest_gap < 1:
-            raise ValueError(f"longest_gap must be at least one interval, got {longest_gap}")
+            raise ValueError(f"longest_gap is {longest_gap}; one interval or more would be right")
         self._spacecraft = load(spacecraft) if isinstance(spacecraft, str | Path) else spacecraft
         self._limits = Limits.of(self._spacecraft)
         self._longest_gap = longest_gap
@@ -123,9 +123,9 @@ class MeasurementGate:
         n = self._spacecraft.number_of_thrusters
         effective = delivered_on_times(on_times, self._spacecraft.feed.coupling)
         if effective.shape != (n,):
-            raise ValueError(f"on_times must have the shape ({n},), got {effective.shape}")
+            raise ValueError(f"on_times has the shape {effective.shape}; ({n},) would be right")
         if not 0.0 < duration < math.inf:
-            raise ValueError(f"duration must be a positive number of s, got {duration}")
+            raise ValueError(f"duration is {duration}; a positive number of s would be right")
         self.time += duration
         self._pending.append((self.time, effective, float(duration)))
         if len(self._pending) > self._longest_gap:
@@ -148,27 +148,31 @@ class MeasurementGate:
             return self._refuse(MISSING, f"the measurement at {self.time:g} s is missing")
         state = np.array(measurement, dtype=np.float64)
         if state.shape != (len(_ENTRIES),):
-            raise ValueError(f"measurement must have the shape ({len(_ENTRIES)},), got {state.shape}")
+            raise ValueError(f"measurement has the shape {state.shape}; ({len(_ENTRIES)},) would be right")
         tag = self.time if measured_at is None else float(measured_at)
         closed = self._closed_by(tag)
         if closed is None:
-            return self._refuse(LATE, f"the measurement must be tagged {self._awaited()}, got {tag:g} s")
+            return self._refuse(
+                LATE, f"the measurement is tagged {tag:g} s; {self._awaited()} would be right"
+            )
         bad = np.flatnonzero(~np.isfinite(state))
         if bad.size > 0:
             name = _ENTRIES[bad[0]]
             return self._refuse(
-                NOT_A_NUMBER, f"{name} at {tag:g} s must be a finite number, got {state[bad[0]]}"
+                NOT_A_NUMBER, f"{name} at {tag:g} s is {state[bad[0]]}; a finite number would be right"
             )
         norm = float(np.linalg.norm(state[6:10]))
         if abs(norm - 1.0) > _UNIT:
-            return self._refuse(OUT_OF_RANGE, f"attitude at {tag:g} s must have the norm 1, got {norm:.4g}")
+            return self._refuse(
+                OUT_OF_RANGE, f"attitude at {tag:g} s has the norm {norm:.4g}; 1 would be right"
+            )
         if self._before is None:
             return self._take(state, closed, None)
         if np.array_equal(state, self._before):
             return self._refuse(
                 LATE,
-                f"the measurement tagged {tag:g} s must be a new one, got that of {self._origin:g} s once "
-                "more",
+                f"the measurement tagged {tag:g} s is that of {self._origin:g} s once more; a new one would "
+                "be right",
             )
         duration = sum(one[2] for one in self._pending[:closed])
         change = thrust_rate_change(self._spacecraft, self._before, state, duration)

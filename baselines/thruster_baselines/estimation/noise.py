@@ -63,7 +63,7 @@ class PhysicalNoise:
         times = np.array(on_times, dtype=np.float64, order="C")
         m, n = self.effectiveness.shape
         if times.ndim == 0 or times.shape[-1] != n:
-            raise ValueError(f"on_times must have the shape (..., {n}), got {times.shape}")
+            raise ValueError(f"on_times has the shape {times.shape}; (..., {n}) would be right")
         rows = times.reshape(-1, n)
         return self.of_rows(rows).reshape(*times.shape[:-1], m, m)
 

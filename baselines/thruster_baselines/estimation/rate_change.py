@@ -47,10 +47,10 @@ def thrust_rate_change(
     first, last = np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
     if first.shape[-1:] != (13,) or last.shape != first.shape:
         raise ValueError(
-            f"before and after must be both (..., 13), got the shapes {first.shape} and {last.shape}"
+            f"before and after have the shapes {first.shape} and {last.shape}; both (..., 13) would be right"
         )
     if not 0.0 < duration < np.inf:
-        raise ValueError(f"duration must be a positive number of s, got {duration}")
+        raise ValueError(f"duration is {duration}; a positive number of s would be right")
     if time is None:
         spacecraft.circular_mean_motion("thrust_rate_change without a time")
     moved = transition_matrix(spacecraft.reference_orbit, duration, time or 0.0)

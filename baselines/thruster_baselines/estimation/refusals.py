@@ -79,9 +79,9 @@ class Limits:
         """One line about what stands on an axis (from 0) of a refused rate change."""
         name, unit = _AXES[axis] if self.rate.size == len(_AXES) else (f"axis {axis + 1}", "its unit")
         if not math.isfinite(value):
-            return f"{name} must be a finite number of {unit}, got {value}"
+            return f"{name}, is {value}; a finite number of {unit} would be right"
         largest = float(self.rate[axis] * duration + self.error[axis])
-        return f"{name} must be -{largest:.4g} to {largest:.4g} {unit}, got {value:.4g}"
+        return f"{name}, is {value:.4g}; -{largest:.4g} to {largest:.4g} {unit} would be right"
 
 
 _AXES = tuple(

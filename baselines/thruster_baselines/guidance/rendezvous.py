@@ -104,15 +104,19 @@ class RendezvousPlanner:
         self.target = _state(target, "target")
         self.tolerance = _state(tolerance, "tolerance")
         if (self.tolerance < 0.0).any():
-            raise ValueError(f"tolerance must be six numbers, zero or more, got {self.tolerance.tolist()}")
+            raise ValueError(
+                f"tolerance is {self.tolerance.tolist()}; six numbers, zero or more, would be right"
+            )
         for name, value in (("miss_cost", miss_cost), ("delta_v_cost", delta_v_cost)):
             if not 0.0 <= value < np.inf:
-                raise ValueError(f"{name} must be a finite number of s, zero or more, got {value}")
+                raise ValueError(f"{name} is {value}; a finite number of s, zero or more, would be right")
         if not max_total_on_time > 0.0:
-            raise ValueError(f"max_total_on_time must be a positive number of s, got {max_total_on_time}")
+            raise ValueError(
+                f"max_total_on_time is {max_total_on_time}; a positive number of s would be right"
+            )
         if (detailed_steps is not None and detailed_steps < 1) or group < 1:
             raise ValueError(
-                f"detailed_steps must be at least 1 (or None), got {detailed_steps} and group {group}"
+                f"detailed_steps is {detailed_steps} and group {group}; one or more (or None) would be right"
             )
         self.detailed_steps = detailed_steps
         self.group = group
@@ -149,7 +153,7 @@ class RendezvousPlanner:
         """
         start = _state(state, "state")
         if steps < 0:
-            raise ValueError(f"steps must be at least 0, got {steps}")
+            raise ValueError(f"steps is {steps}; zero or more would be right")
         model = self._model.overridden(effectiveness, max_on_time)
         least = np.zeros(model.max_on_time.size) if min_on_time is None else np.array(min_on_time, np.float64)
         if (
@@ -157,7 +161,8 @@ class RendezvousPlanner:
             or not ((least >= 0.0) & (least <= model.max_on_time)).all()
         ):
             raise ValueError(
-                f"min_on_time must be from 0 s to the longest on-time of each thruster, got {least.tolist()}"
+                f"min_on_time is {least.tolist()}; for each thruster, a number of s from zero to its longest "
+                "on-time would be right"
             )
         on_times = self._optimum(start, steps, model, least) if steps > 0 else np.zeros((0, least.size))
         rate_changes = on_times @ model.effectiveness.T
@@ -295,5 +300,5 @@ class _Problem:
 def _state(given: ArrayLike, name: str) -> FloatArray:
     values = np.array(given, dtype=np.float64)
     if values.shape != (6,) or not np.isfinite(values).all():
-        raise ValueError(f"{name} must be six finite numbers, m then m/s, got {values.tolist()}")
+        raise ValueError(f"{name} is {values.tolist()}; six finite numbers, m then m/s, would be right")
     return values

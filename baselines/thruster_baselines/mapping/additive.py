@@ -86,9 +86,9 @@ class AdditiveCompensationMapper(CompensatingMapper):
     ) -> None:
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, threads, **settings)
         if cost_rule not in _RULES:
-            raise ValueError(f"cost_rule must be one of {', '.join(_RULES)}, got {cost_rule!r}")
+            raise ValueError(f"cost_rule is {cost_rule!r}; one of {', '.join(_RULES)} would be right")
         if not 0.0 <= cost_factor < np.inf:
-            raise ValueError(f"cost_factor must be a finite number, zero or more, got {cost_factor}")
+            raise ValueError(f"cost_factor is {cost_factor}; a finite number, zero or more, would be right")
         self._rule, self._factor = _RULES[cost_rule], cost_factor
 
     def _kernel(self) -> tuple[Callable[..., None], tuple[Any, ...]]:

@@ -67,17 +67,18 @@ class AttitudeUncertainty:
         for axis in range(3):
             if half_widths[axis] < 0.0:
                 raise ValueError(
-                    f"half_widths on axis {axis} must be at least 0, got {half_widths[axis]} rad"
+                    f"half_widths on axis {axis} is {half_widths[axis]} rad; zero or more would be right"
                 )
             reach = abs(bias[axis]) + half_widths[axis]
             if reach > math.pi / 2.0:
                 raise ValueError(
-                    f"bias and half_widths on axis {axis} must reach a quarter turn at most, got {reach:g} "
-                    "rad"
+                    f"bias and half_widths on axis {axis} reach {reach:g} rad; at most a quarter turn "
+                    "would be right"
                 )
         if self.equal_angles and (len(set(half_widths)) > 1 or len(set(bias)) > 1):
             raise ValueError(
-                f"half_widths and bias must be one number each for equal angles, got {half_widths} and {bias}"
+                f"half_widths is {half_widths} and bias {bias} for equal angles; one number each would be "
+                "right"
             )
         object.__setattr__(self, "half_widths", half_widths)
         object.__setattr__(self, "bias", bias)
@@ -118,7 +119,7 @@ class AttitudeUncertainty:
             ValueError: A number of components that is no multiple of three, or fewer than one draw.
         """
         if count < 1:
-            raise ValueError(f"count must be at least 1, got {count}")
+            raise ValueError(f"count is {count}; one or more would be right")
         triplets = _triplets(command)
         low, high = self._angles()
         shares = np.random.default_rng(seed).random((count, 1 if self.equal_angles else 3))
@@ -161,10 +162,10 @@ def _three_angles(given: float | tuple[float, float, float], name: str) -> tuple
     if angles.ndim == 0:
         angles = np.full(3, angles)
     if angles.shape != (3,):
-        raise ValueError(f"{name} must be one number or three, got the shape {angles.shape}")
+        raise ValueError(f"{name} has the shape {angles.shape}; one number or three would be right")
     if not np.isfinite(angles).all():
         axis = int(np.argmin(np.isfinite(angles)))
-        raise ValueError(f"{name} on axis {axis} must be a finite number, got {angles[axis]} rad")
+        raise ValueError(f"{name} on axis {axis} is {angles[axis]} rad; a finite number would be right")
     x, y, z = angles.tolist()
     return x, y, z
 
@@ -173,7 +174,7 @@ def _triplets(command: ArrayLike) -> FloatArray:
     """The command (..., m) as (..., m / 3, 3)."""
     values = np.asarray(command, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] % 3:
-        raise ValueError(f"command must have the shape (..., 3) or (..., 6), got {values.shape}")
+        raise ValueError(f"command has the shape {values.shape}; (..., 3) or (..., 6) would be right")
     return values.reshape(*values.shape[:-1], values.shape[-1] // 3, 3)
 
 

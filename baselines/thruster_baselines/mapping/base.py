@@ -200,7 +200,7 @@ class CompiledMapper(WeightedMapper):
         fuel_may_win: bool = False,
     ) -> None:
         if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, or None, got {threads}")
+            raise ValueError(f"threads is {threads}; one or more, or None, would be right")
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, fuel_may_win=fuel_may_win)
         self._threads = threads
 
@@ -255,7 +255,7 @@ def raise_unless_optimal(command: FloatArray, report: IntArray) -> None:
     raise RuntimeError(
         f"the simplex method did not reach the optimum for the command {command[where].tolist()} in "
         f"{report[where][1]} changes of basis and {report[where][2]} of bound; effectiveness, bounds and "
-        "costs must be within 12 orders of magnitude of each other"
+        "costs within 12 orders of magnitude of each other would be right"
     )
 
 
@@ -318,11 +318,13 @@ def _weights(given: ArrayLike, size: int, what: str, first: int) -> FloatArray:
     if values.ndim == 0:
         values = np.full(size, values)
     if values.shape != (size,):
-        raise ValueError(f"{what.split()[0]} must have the shape ({size},), got {values.shape}")
+        raise ValueError(f"{what.split()[0]} has the shape {values.shape}; ({size},) would be right")
     valid = np.isfinite(values) & (values >= 0.0)
     if not valid.all():
         index = int(np.argmin(valid))
-        raise ValueError(f"{what} {index + first} must be a finite number, zero or more, got {values[index]}")
+        raise ValueError(
+            f"{what} {index + first} is {values[index]}; a finite number, zero or more, would be right"
+        )
     return values
 
 
@@ -349,9 +351,9 @@ def _require_tracking_first(effectiveness: FloatArray, fuel_cost: FloatArray, sl
     dearest = float(price[:, axis].max())
     if dearest > slack_cost[axis] * (1.0 + 1e-9):
         raise ValueError(
-            f"slack_cost of axis {axis} must be above {dearest:g}, or fuel_may_win=True, got "
-            f"{slack_cost[axis]:g} while serving that axis costs up to {dearest:g} of fuel, so that fuel "
-            "would win over tracking"
+            f"slack_cost of axis {axis} is {slack_cost[axis]:g} while serving that axis costs up to "
+            f"{dearest:g} of fuel, so that fuel would win over tracking; above {dearest:g}, or "
+            "fuel_may_win=True, would be right"
         )
 
 

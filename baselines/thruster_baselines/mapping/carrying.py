@@ -82,12 +82,13 @@ def _largest_remainder(model: Model, limit: ArrayLike | None) -> FloatArray:
         if shares.ndim == 0:
             shares = np.full(m, shares)
         if shares.shape != (m,):
-            raise ValueError(f"limit must have the shape ({m},), got {shares.shape}")
+            raise ValueError(f"limit has the shape {shares.shape}; ({m},) would be right")
         valid = np.isfinite(shares) & (shares >= 0.0)
         if not valid.all():
             axis = int(np.argmin(valid))
             raise ValueError(
-                f"limit of axis {axis} must be a finite share of authority, zero or more, got {shares[axis]}"
+                f"limit of axis {axis} is {shares[axis]}; a finite share of authority, zero or more, "
+                "would be right"
             )
         acting = model.effectiveness != 0.0
         longest = np.where(acting, model.max_on_time, 0.0)

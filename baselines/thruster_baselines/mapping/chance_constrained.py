@@ -44,7 +44,7 @@ class ChanceConstrainedMapper(ConicRobustMapper):
         quantile: z above: how many standard deviations the miss of an axis is given.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> mapper = ChanceConstrainedMapper([[1.0]], max_on_time=5.0, standard_deviation=0.1, probability=0.95)
     >>> mapper([2.0]).worst_miss.round(4)
@@ -64,7 +64,7 @@ class ChanceConstrainedMapper(ConicRobustMapper):
         fuel_may_win: bool = False,
     ) -> None:
         if not 0.0 < probability < 1.0:
-            raise ValueError(f"probability must be a number between 0 and 1, got {probability}")
+            raise ValueError(f"probability is {probability}; a number between 0 and 1 would be right")
         super().__init__(
             spacecraft, max_on_time, fuel_cost, slack_cost, spread=0.0, fuel_may_win=fuel_may_win
         )

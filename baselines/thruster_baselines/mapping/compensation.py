@@ -101,9 +101,9 @@ class CompensatingMapper(CompiledMapper):
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, threads, fuel_may_win=fuel_may_win)
         self.shares = shares_of(spacecraft, coupling, self._model)
         if not 0.0 <= tolerance < 1.0:
-            raise ValueError(f"tolerance must be a share of the command, 0 to 1, got {tolerance}")
+            raise ValueError(f"tolerance is {tolerance}; a share of the command, 0 to 1, would be right")
         if max_iterations < 1:
-            raise ValueError(f"max_iterations must be at least 1, got {max_iterations}")
+            raise ValueError(f"max_iterations is {max_iterations}; one or more would be right")
         self.tolerance = tolerance
         self.max_iterations = max_iterations
 

@@ -55,19 +55,19 @@ def thrust_shares(coupling: Coupling, thrusters: int) -> FloatArray:
         losses = np.array(coupling, dtype=np.float64)
         if losses.ndim == 0:
             if not 0.0 <= losses <= 1.0:
-                raise ValueError(f"coupling must be a share of the thrust from 0 to 1, got {coupling}")
+                raise ValueError(f"coupling is {coupling}; a share of the thrust from 0 to 1 would be right")
             losses = np.minimum(losses * np.arange(thrusters), 1.0)
     if losses.shape != (thrusters,):
         raise ValueError(
-            f"coupling must have the shape ({thrusters},), a loss for 1 to {thrusters} thrusters open, got "
-            f"{losses.shape}"
+            f"coupling has the shape {losses.shape}; ({thrusters},), a loss for 1 to {thrusters} thrusters "
+            "open, would be right"
         )
     valid = (losses >= 0.0) & (losses <= 1.0)
     if not valid.all():
         count = int(np.argmin(valid))
         raise ValueError(
-            f"coupling: the loss with {count + 1} thrusters open must be a share of the thrust from 0 to 1, "
-            f"got {losses[count]}"
+            f"coupling: the loss with {count + 1} thrusters open is {losses[count]}; a share of the thrust "
+            "from 0 to 1 would be right"
         )
     return np.concatenate([[1.0], 1.0 - losses])
 
@@ -114,8 +114,8 @@ def commanded_on_times(wanted: ArrayLike, coupling: Coupling, max_on_time: float
     answer = np.minimum(answer, max_on_time)
     if not np.isfinite(answer).all():
         raise ValueError(
-            "wanted must be deliverable: with so many thrusters open nothing of their thrust is left; "
-            "max_on_time must be finite, or thrusters fewer"
+            "wanted cannot be delivered: with so many thrusters open nothing of their thrust is left; a "
+            "finite max_on_time, or fewer thrusters, would be right"
         )
     return answer
 
@@ -138,11 +138,11 @@ def delivered_rate_change(effectiveness: ArrayLike, on_times: ArrayLike, couplin
 def _on_times(given: ArrayLike, name: str) -> FloatArray:
     times = np.array(given, dtype=np.float64, order="C")
     if times.ndim == 0:
-        raise ValueError(f"{name} must have the shape (..., n), one per thruster, got a single number")
+        raise ValueError(f"{name} is a single number; (..., n), one per thruster, would be right")
     valid = np.isfinite(times) & (times >= 0.0)
     if not valid.all():
         raise ValueError(
-            f"{name} must be a finite number of s, zero or more, got the entry {times[~valid][0]}"
+            f"{name} has the entry {times[~valid][0]}; a finite number of s, zero or more, would be right"
         )
     return times
 

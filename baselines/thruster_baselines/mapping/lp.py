@@ -48,7 +48,7 @@ class LPMapper(CompiledMapper):
         lost_directions: (k, m), rate changes that no firing gives; empty for a model of full rank.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> from thruster_envs.spacecraft import load
     >>> allocation = LPMapper(load("orion"))([-0.027, -0.027, 0.0, 0.0, 0.0, 0.0])

@@ -74,12 +74,14 @@ class MILPMapper(SolverMapper):
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, fuel_may_win=fuel_may_win)
         self.shares = shares_of(spacecraft, coupling, self._model)
         if not gap >= 0.0:
-            raise ValueError(f"gap must be a number, zero or more, got {gap}")
+            raise ValueError(f"gap is {gap}; a number, zero or more, would be right")
         self.gap = gap
 
     def _allocate(self, command: FloatArray, model: Model) -> Allocation:
         if not np.isfinite(model.max_on_time).all():
-            raise ValueError("max_on_time must be finite for each thruster, got inf")
+            raise ValueError(
+                "max_on_time is infinite for some thruster; a finite number of s for each would be right"
+            )
         found = super()._allocate(command, model)
         losses = 1.0 - self.shares[1:]
         achieved = delivered_rate_change(model.effectiveness, found.on_times, losses)

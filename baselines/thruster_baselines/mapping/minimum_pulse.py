@@ -131,9 +131,9 @@ class MinimumPulseMapper(CompiledMapper):
             minimum_pulse = minimum_pulses(spacecraft)
         self.minimum_pulse = pulse_lengths(minimum_pulse, self._model.max_on_time.size, "minimum_pulse")
         if resolution is not None and not 0.0 < resolution < np.inf:
-            raise ValueError(f"resolution must be a positive number of s, or None, got {resolution} s")
+            raise ValueError(f"resolution is {resolution} s; a positive number of s, or None, would be right")
         if max_nodes < 1:
-            raise ValueError(f"max_nodes must be at least 1, got {max_nodes}")
+            raise ValueError(f"max_nodes is {max_nodes}; one or more would be right")
         self.resolution, self.max_nodes = resolution, max_nodes
 
     def _run(
@@ -174,12 +174,15 @@ def pulse_lengths(given: ArrayLike, thrusters: int, what: str) -> FloatArray:
     if values.ndim == 0:
         values = np.full(thrusters, values)
     if values.shape != (thrusters,):
-        raise ValueError(f"{what} must have the shape ({thrusters},), one per thruster, got {values.shape}")
+        raise ValueError(
+            f"{what} has the shape {values.shape}; ({thrusters},), one per thruster, would be right"
+        )
     valid = np.isfinite(values) & (values >= 0.0)
     if not valid.all():
         index = int(np.argmin(valid))
         raise ValueError(
-            f"{what} of thruster {index + 1} must be a finite number, zero or more, got {values[index]} s"
+            f"{what} of thruster {index + 1} is {values[index]} s; a finite number, zero or more, "
+            "would be right"
         )
     values.setflags(write=False)
     return values

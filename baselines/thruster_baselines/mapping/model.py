@@ -61,7 +61,7 @@ class Model:
         else:
             matrix = np.array(spacecraft, dtype=np.float64)
         if matrix.ndim != 2 or 0 in matrix.shape:
-            raise ValueError(f"effectiveness must have the shape (axes, thrusters), got {matrix.shape}")
+            raise ValueError(f"effectiveness has the shape {matrix.shape}; (axes, thrusters) would be right")
         if max_on_time is None:
             raise ValueError("max_on_time is missing; with a bare matrix, a number of s has to be given")
         bounds = np.array(max_on_time, dtype=np.float64)
@@ -69,7 +69,8 @@ class Model:
             bounds = np.full(matrix.shape[1], bounds)
         if bounds.shape != (matrix.shape[1],):
             raise ValueError(
-                f"max_on_time must have the shape ({matrix.shape[1]},), one per thruster, got {bounds.shape}"
+                f"max_on_time has the shape {bounds.shape}; ({matrix.shape[1]},), one per thruster, "
+                "would be right"
             )
         require_finite_effectiveness(matrix)
         require_valid_bounds(bounds)
@@ -118,13 +119,15 @@ class Model:
             matrix = np.asarray(effectiveness, dtype=np.float64)
             if matrix.shape[-2:] != self.effectiveness.shape:
                 m, n = self.effectiveness.shape
-                raise ValueError(f"effectiveness must have the shape (..., {m}, {n}), got {matrix.shape}")
+                raise ValueError(
+                    f"effectiveness has the shape {matrix.shape}; (..., {m}, {n}) would be right"
+                )
             require_finite_effectiveness(matrix)
         if max_on_time is not None:
             bounds = np.asarray(max_on_time, dtype=np.float64)
             if bounds.shape[-1:] != self.max_on_time.shape:
                 n = self.max_on_time.size
-                raise ValueError(f"max_on_time must have the shape (..., {n}), got {bounds.shape}")
+                raise ValueError(f"max_on_time has the shape {bounds.shape}; (..., {n}) would be right")
             require_valid_bounds(bounds)
         return Model(matrix, bounds)
 
@@ -135,8 +138,8 @@ def require_finite_effectiveness(matrix: FloatArray) -> None:
     if not finite.all():
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise ValueError(
-            f"effectiveness of thruster {where[-1] + 1} on axis {where[-2]}{_in_batch(where[:-2])} must be a "
-            f"finite number, got {matrix[where]}"
+            f"effectiveness of thruster {where[-1] + 1} on axis {where[-2]}{_in_batch(where[:-2])} is "
+            f"{matrix[where]}; a finite number would be right"
         )
 
 
@@ -146,15 +149,15 @@ def require_valid_bounds(bounds: FloatArray) -> None:
     if not valid.all():
         where = tuple(int(i) for i in np.argwhere(~valid)[0])
         raise ValueError(
-            f"max_on_time of thruster {where[-1] + 1}{_in_batch(where[:-1])} must be at least 0, got "
-            f"{bounds[where]} s"
+            f"max_on_time of thruster {where[-1] + 1}{_in_batch(where[:-1])} is {bounds[where]} s; "
+            "zero or more would be right"
         )
 
 
 def require_command_shape(command: FloatArray, axes: int) -> None:
     """Raise ValueError unless the command is (..., axes)."""
     if command.shape[-1:] != (axes,):
-        raise ValueError(f"command must have the shape (..., {axes}), got {command.shape}")
+        raise ValueError(f"command has the shape {command.shape}; (..., {axes}) would be right")
 
 
 def require_finite_command(command: FloatArray) -> None:
@@ -163,8 +166,8 @@ def require_finite_command(command: FloatArray) -> None:
     if not finite.all():
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise ValueError(
-            f"command on axis {where[-1]}{_in_batch(where[:-1])} must be a finite number, got "
-            f"{command[where]}"
+            f"command on axis {where[-1]}{_in_batch(where[:-1])} is {command[where]}; "
+            "a finite number would be right"
         )
 
 

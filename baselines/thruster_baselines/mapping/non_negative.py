@@ -47,7 +47,7 @@ class NonNegativeLeastSquaresMapper(BaseMapper):
         bounded: As stated.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> NonNegativeLeastSquaresMapper([[1.0, 0.8]], max_on_time=[1.0, 5.0])([3.0]).on_times.round(9)
     array([1., 0.])
@@ -98,7 +98,7 @@ def _unbounded(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
     except RuntimeError:
         raise RuntimeError(
             f"non-negative least squares did not end within {_ITERATIONS} iterations; columns of the "
-            "effectiveness must be within 8 orders of magnitude of each other"
+            "effectiveness within 8 orders of magnitude of each other would be right"
         ) from None
     return solution
 

@@ -160,26 +160,26 @@ def _checked(given: ArrayLike, effectiveness: FloatArray) -> FloatArray:
     vectors = np.array(given, dtype=np.float64)
     n = effectiveness.shape[1]
     if vectors.ndim != 2 or vectors.shape[1] != n:
-        raise ValueError(f"null_vectors must have the shape (groups, {n}), got {vectors.shape}")
+        raise ValueError(f"null_vectors has the shape {vectors.shape}; (groups, {n}) would be right")
     valid = np.isfinite(vectors) & (vectors >= 0.0)
     if not valid.all():
         i, j = (int(index) for index in np.argwhere(~valid)[0])
         raise ValueError(
-            f"null_vectors of group {i} must be a finite number, zero or more, got {vectors[i, j]} for "
-            f"thruster {j + 1}"
+            f"null_vectors of group {i} is {vectors[i, j]} for thruster {j + 1}; a finite number, zero or "
+            "more, would be right"
         )
     shared = np.flatnonzero((vectors > 0.0).sum(axis=0) > 1)
     if shared.size:
         groups = np.flatnonzero(vectors[:, shared[0]]).tolist()
         raise ValueError(
-            f"null_vectors must have each thruster in one group at most, got thruster {shared[0] + 1} in "
-            f"groups {groups[0]} and {groups[1]}"
+            f"null_vectors of groups {groups[0]} and {groups[1]} share thruster {shared[0] + 1}; each "
+            "thruster in one group at most would be right"
         )
     cancels = _cancels(effectiveness, vectors)
     if not cancels.all():
         i = int(np.argmin(cancels))
         raise ValueError(
-            f"null_vectors of group {i} must be a proportion in which thrusters cancel, got the rate change "
-            f"{(effectiveness @ vectors[i]).tolist()}"
+            f"null_vectors of group {i} gives the rate change {(effectiveness @ vectors[i]).tolist()}; a "
+            "proportion in which thrusters cancel would be right"
         )
     return vectors

@@ -43,7 +43,7 @@ class QuadraticMapper(SolverMapper):
         fuel_may_win: Accept costs at which, in proportion, leaving an axis alone is cheaper than serving it.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> QuadraticMapper([[1.0, 1.0]], max_on_time=5.0, slack_cost=10.0)([3.0]).on_times.round(4)
     array([1.4925, 1.4925])

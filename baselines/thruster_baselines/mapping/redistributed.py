@@ -44,7 +44,7 @@ class RedistributedPseudoInverseMapper(BaseMapper):
         threads: Threads that share a large batch; by default one per processor. Does not change the result.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> mapper = RedistributedPseudoInverseMapper([[1.0, 1.0]], max_on_time=[1.0, 5.0])
     >>> mapper([4.0]).on_times  # an equal part for each would be 2 s
@@ -58,7 +58,7 @@ class RedistributedPseudoInverseMapper(BaseMapper):
         threads: int | None = None,
     ) -> None:
         if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, or None, got {threads}")
+            raise ValueError(f"threads is {threads}; one or more, or None, would be right")
         super().__init__(spacecraft, max_on_time)
         self._threads = threads
 

@@ -50,7 +50,7 @@ class RobustCommandMapper(CompiledMapper):
         fuel_may_win: Accept costs at which leaving an axis alone is cheaper than serving it.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
 
     >>> mapper = RobustCommandMapper([[1.0, -1.0]], max_on_time=5.0, below=0.0, above=0.5)
     >>> answer = mapper([2.0])
@@ -74,7 +74,7 @@ class RobustCommandMapper(CompiledMapper):
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, threads, fuel_may_win=fuel_may_win)
         axes = self._model.effectiveness.shape[0]
         if attitude is not None and axes % 3:
-            raise ValueError(f"attitude must be for 3 or 6 axes, got {axes}")
+            raise ValueError(f"attitude is given for {axes} axes; 3 or 6 axes would be right")
         self._below = _margin(below, axes, "below")
         self._above = _margin(above, axes, "above")
         self._attitude = attitude
@@ -110,7 +110,9 @@ class RobustCommandMapper(CompiledMapper):
         ordered = low <= high
         if not ordered.all():
             where = tuple(int(i) for i in np.argwhere(~ordered)[0])
-            raise ValueError(f"low on axis {where[-1]} must be at most high, {high[where]}, got {low[where]}")
+            raise ValueError(
+                f"low on axis {where[-1]} is {low[where]}; at most high, {high[where]}, would be right"
+            )
         return self._for_box(
             low, high, low + 0.5 * (high - low), self._model.overridden(effectiveness, max_on_time)
         )
@@ -131,7 +133,8 @@ class RobustCommandMapper(CompiledMapper):
         commands = _checked(candidates, axes, "candidates")
         if commands.ndim < 2 or commands.shape[0] == 0:
             raise ValueError(
-                f"candidates must have the shape (count, ..., {axes}), one or more, got {commands.shape}"
+                f"candidates has the shape {commands.shape}; (count, ..., {axes}), one or more, would be "
+                "right"
             )
         return self.within(
             commands.min(axis=0), commands.max(axis=0), effectiveness=effectiveness, max_on_time=max_on_time
@@ -161,11 +164,13 @@ def _margin(given: ArrayLike, axes: int, name: str) -> FloatArray:
     if margin.ndim == 0:
         margin = np.full(axes, margin)
     if margin.shape != (axes,):
-        raise ValueError(f"{name} must be one number or ({axes},), got the shape {margin.shape}")
+        raise ValueError(f"{name} has the shape {margin.shape}; one number or ({axes},) would be right")
     valid = np.isfinite(margin) & (margin >= 0.0)
     if not valid.all():
         axis = int(np.argmin(valid))
-        raise ValueError(f"{name} on axis {axis} must be a finite number, zero or more, got {margin[axis]}")
+        raise ValueError(
+            f"{name} on axis {axis} is {margin[axis]}; a finite number, zero or more, would be right"
+        )
     return margin
 
 
@@ -173,9 +178,9 @@ def _checked(given: ArrayLike, axes: int, name: str) -> FloatArray:
     """Commands (..., m), finite."""
     commands = np.array(given, dtype=np.float64)
     if commands.shape[-1:] != (axes,):
-        raise ValueError(f"{name} must have the shape (..., {axes}), got {commands.shape}")
+        raise ValueError(f"{name} has the shape {commands.shape}; (..., {axes}) would be right")
     finite = np.isfinite(commands)
     if not finite.all():
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
-        raise ValueError(f"{name} on axis {where[-1]} must be a finite number, got {commands[where]}")
+        raise ValueError(f"{name} on axis {where[-1]} is {commands[where]}; a finite number would be right")
     return commands

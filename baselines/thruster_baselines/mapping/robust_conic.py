@@ -72,7 +72,8 @@ class ConicRobustMapper(SolverMapper):
             self._factors = _checked_factors(factors, m, n)
         else:
             raise ValueError(
-                f"spread or factors must be given, one of them, got {'neither' if spread is None else 'both'}"
+                f"spread and factors are both {'missing' if spread is None else 'given'}; one of them would "
+                "be right"
             )
 
     def _allocate(self, command: FloatArray, model: Model) -> RobustAllocation:
@@ -123,13 +124,13 @@ class ConicRobustMapper(SolverMapper):
 def _checked_factors(given: ArrayLike, axes: int, thrusters: int) -> FloatArray:
     factors = np.array(given, dtype=np.float64)
     if factors.ndim != 3 or factors.shape[:2] != (axes, thrusters):
-        raise ValueError(f"factors must have the shape ({axes}, {thrusters}, r), got {factors.shape}")
+        raise ValueError(f"factors has the shape {factors.shape}; ({axes}, {thrusters}, r) would be right")
     finite = np.isfinite(factors)
     if not finite.all():
         axis, thruster, column = (int(i) for i in np.argwhere(~finite)[0])
         raise ValueError(
-            f"factors of thruster {thruster + 1} on axis {axis} must be a finite number, got "
-            f"{factors[axis, thruster, column]} in column {column}"
+            f"factors of thruster {thruster + 1} on axis {axis} is {factors[axis, thruster, column]} in "
+            f"column {column}; a finite number would be right"
         )
     return factors
 
@@ -187,7 +188,7 @@ def _solve_cones(
     if not np.isfinite(on_times).all():
         raise RuntimeError(
             f"Clarabel stopped with {answer.status} and no on-times; effectiveness, spread, bounds and costs "
-            "must be within 8 orders of magnitude of each other"
+            "within 8 orders of magnitude of each other would be right"
         )
     multipliers = np.array(answer.z)
     on_times[bounded] = np.where(

@@ -72,14 +72,15 @@ class RobustEffectivenessMapper(CompiledMapper):
         axes, thrusters = nominal.shape
         if (relative is None) == (lower is None and upper is None):
             raise ValueError(
-                "relative, or lower and upper, must be given, got both"
+                "relative and lower or upper are both given; one of them would be right"
                 if relative is not None
-                else "relative, or lower and upper, must be given, got neither"
+                else "relative is missing, and so are lower and upper; one of them would be right"
             )
         if relative is not None:
             if np.ndim(relative) > 1:
                 raise ValueError(
-                    f"relative must be one number or ({thrusters},), got the shape {np.shape(relative)}"
+                    f"relative has the shape {np.shape(relative)}; one number or ({thrusters},) "
+                    "would be right"
                 )
             self._shift = np.zeros_like(nominal)
             self._spread = stated_spread(relative, axes, thrusters, "relative")
@@ -142,14 +143,14 @@ def _limit(given: ArrayLike | None, nominal: FloatArray, name: str, side: float)
         return nominal
     limit = np.array(given, dtype=np.float64)
     if limit.shape != nominal.shape:
-        raise ValueError(f"{name} must have the shape {nominal.shape}, got {limit.shape}")
+        raise ValueError(f"{name} has the shape {limit.shape}; {nominal.shape} would be right")
     valid = np.isfinite(limit) & (side * (limit - nominal) >= 0.0)
     if not valid.all():
         axis, thruster = (int(i) for i in np.argwhere(~valid)[0])
         raise ValueError(
-            f"{name} of thruster {thruster + 1} on axis {axis} must be a finite number, "
-            f"{'at most' if side < 0.0 else 'at least'} the effectiveness {nominal[axis, thruster]:g}, got "
-            f"{limit[axis, thruster]}"
+            f"{name} of thruster {thruster + 1} on axis {axis} is {limit[axis, thruster]}; "
+            f"a finite number, {'at most' if side < 0.0 else 'at least'} the effectiveness "
+            f"{nominal[axis, thruster]:g}, would be right"
         )
     return limit
 
@@ -189,7 +190,7 @@ def _least_largest_miss(
     if answer.status != 0:
         raise RuntimeError(
             f"HiGHS did not reach the optimum for the command {command.tolist()}: {answer.message}; "
-            "effectiveness, bounds and costs must be within 12 orders of magnitude of each other"
+            "effectiveness, bounds and costs within 12 orders of magnitude of each other would be right"
         )
     on_times: FloatArray = np.clip(answer.x[:-1] * unit, 0.0, max_on_time)
     return on_times

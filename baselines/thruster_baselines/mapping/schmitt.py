@@ -87,8 +87,8 @@ class SchmittTriggerMapper(RememberingMapper):
             if (longer < shorter).any():
                 index = int(np.argmax(longer < shorter))
                 raise ValueError(
-                    f"{name} of thruster {index + 1} must be no less than its {other}, {shorter[index]} s, "
-                    f"got {longer[index]} s"
+                    f"{name} of thruster {index + 1} is {longer[index]} s; no less than its {other}, "
+                    f"{shorter[index]} s, would be right"
                 )
 
     @property

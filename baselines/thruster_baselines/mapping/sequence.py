@@ -87,9 +87,9 @@ class LPSequence(WeightedMapper):
     ) -> None:
         super().__init__(spacecraft, max_on_time, fuel_cost, slack_cost, fuel_may_win=fuel_may_win)
         if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, or None, got {threads}")
+            raise ValueError(f"threads is {threads}; one or more, or None, would be right")
         if worlds is not None and worlds < 1:
-            raise ValueError(f"worlds must be at least 1, or None for one craft, got {worlds}")
+            raise ValueError(f"worlds is {worlds}; one or more, or None for one craft, would be right")
         self.worlds = worlds
         m, n = self._model.effectiveness.shape
         self._tableaus = np.zeros((worlds or 1, *tableau_shape(m, n)))
@@ -116,8 +116,8 @@ class LPSequence(WeightedMapper):
         ):
             right = "(m,) or (steps, m)" if self.worlds is None else "(worlds, m) or (steps, worlds, m)"
             raise ValueError(
-                f"command must have the shape {right} with m = "
-                f"{m}{'' if self.worlds is None else f' and worlds = {self.worlds}'}, got {command.shape}"
+                f"command has the shape {command.shape}; {right} with m = {m}"
+                f"{'' if self.worlds is None else f' and worlds = {self.worlds}'} would be right"
             )
         self._believe(model, craft)
         commands = command.reshape(-1, len(self._ages), m)
@@ -147,8 +147,8 @@ class LPSequence(WeightedMapper):
         for array, trailing in ((model.effectiveness, 2), (model.max_on_time, 1)):
             if array.shape[:-trailing] not in ((), craft):
                 raise ValueError(
-                    f"a belief must have no leading axes, or {craft} to give each craft its own, got "
-                    f"{array.shape[:-trailing]}"
+                    f"a belief has the leading axes {array.shape[:-trailing]}; none, or {craft} to give each "
+                    "craft its own, would be right"
                 )
         matrices, bounds = model.effectiveness.copy(), model.max_on_time.copy()
         self._believed = Model(matrices, bounds)

@@ -54,16 +54,16 @@ def stated_spread(given: ArrayLike, axes: int, thrusters: int, name: str) -> Flo
         spread = np.full(thrusters, spread)
     if spread.shape not in ((thrusters,), (axes, thrusters)):
         raise ValueError(
-            f"{name} must be one number, ({thrusters},) for shares, or ({axes}, {thrusters}) for units of "
-            f"the effectiveness, got the shape {spread.shape}"
+            f"{name} has the shape {spread.shape}; one number, ({thrusters},) for shares, or "
+            f"({axes}, {thrusters}) for units of the effectiveness, would be right"
         )
     valid = np.isfinite(spread) & (spread >= 0.0)
     if not valid.all():
         where = tuple(int(i) for i in np.argwhere(~valid)[0])
         axis = f" on axis {where[0]}" if spread.ndim == 2 else ""
         raise ValueError(
-            f"{name} of thruster {where[-1] + 1}{axis} must be a finite number, zero or more, got "
-            f"{spread[where]}"
+            f"{name} of thruster {where[-1] + 1}{axis} is {spread[where]}; a finite number, zero or more, "
+            "would be right"
         )
     return spread
 

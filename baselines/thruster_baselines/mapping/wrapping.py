@@ -47,8 +47,8 @@ class WrappingMapper(BaseMapper):
             raise ValueError(f"mapper must be a mapper such as {self._within}, got {shown(mapper)}")
         if isinstance(mapper, MapperWithMemory):
             raise ValueError(
-                f"the mapper within must have no memory, got a {type(mapper).__name__}, which carries over "
-                "by itself"
+                f"the mapper within is a {type(mapper).__name__}, which carries over by itself; "
+                "one without a memory would be right"
             )
         self.mapper = mapper
         self._model = Model(
@@ -80,7 +80,7 @@ class RememberingMapper(WrappingMapper):
     def __init__(self, mapper: Mapper, worlds: int | None = None) -> None:
         super().__init__(mapper)
         if worlds is not None and worlds < 1:
-            raise ValueError(f"worlds must be at least 1, or None for one craft, got {worlds}")
+            raise ValueError(f"worlds is {worlds}; one or more, or None for one craft, would be right")
         self.worlds = worlds
         self._craft = () if worlds is None else (worlds,)
         self._memory = self._nothing()
@@ -105,7 +105,7 @@ class RememberingMapper(WrappingMapper):
         mask = np.asarray(worlds)
         if mask.dtype != np.bool_ or mask.shape != self._craft or not self._craft:
             right = f"a bool array of shape {self._craft}" if self._craft else "None, for one craft,"
-            raise ValueError(f"the mask of worlds to forget must be {right}, got {worlds!r}")
+            raise ValueError(f"the mask of worlds to forget is {worlds!r}; {right} would be right")
         for remembered in self._memory.values():
             remembered[mask] = 0
 
@@ -122,7 +122,7 @@ class RememberingMapper(WrappingMapper):
         shapes = {name: np.shape(array) for name, array in saved.items()}
         right = {name: array.shape for name, array in self._memory.items()}
         if shapes != right:
-            raise ValueError(f"what was saved must have the shapes {right}, got {shapes}")
+            raise ValueError(f"what was saved has the shapes {shapes}; {right} would be right")
         self._memory = {
             name: np.array(saved[name], dtype=remembered.dtype) for name, remembered in self._memory.items()
         }
@@ -141,15 +141,15 @@ class RememberingMapper(WrappingMapper):
         if steps not in (0, 1) or command.shape[steps:-1] != self._craft:
             right = "(m,) or (steps, m)" if self.worlds is None else "(worlds, m) or (steps, worlds, m)"
             raise ValueError(
-                f"command must have the shape {right} with m = "
-                f"{m}{'' if self.worlds is None else f' and worlds = {self.worlds}'}, got {command.shape}"
+                f"command has the shape {command.shape}; {right} with m = {m}"
+                f"{'' if self.worlds is None else f' and worlds = {self.worlds}'} would be right"
             )
         for array, trailing in ((model.effectiveness, 2), (model.max_on_time, 1)):
             if array.shape[:-trailing] not in ((), self._craft):
                 raise ValueError(
-                    "a belief must have no leading "
-                    f"axes{f', or {self._craft} to give each craft its own' if self._craft else ''}, got "
-                    f"{array.shape[:-trailing]}"
+                    f"a belief has the leading axes {array.shape[:-trailing]}; none"
+                    f"{f', or {self._craft} to give each craft its own,' if self._craft else ''} "
+                    "would be right"
                 )
         memory = self._memory
         if steps == 0:

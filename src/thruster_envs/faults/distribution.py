@@ -111,7 +111,7 @@ class FaultDistribution:
         sensor_axes: The axes that may fail, equally likely: 1 to 3, and 0 for all three at once.
 
     Raises:
-        ValueError: A value that no distribution can have; one line says which and what it must be.
+        ValueError: A value that no distribution can have; one line says which and what would be right.
     """
 
     probability: float = 0.5
@@ -160,7 +160,7 @@ class FaultDistribution:
                 len(choices) > 0 and min(choices) >= 1,
                 "thrusters",
                 choices,
-                "a list of numbers from 1, or None",
+                "a list of numbers from 1, or None,",
             )
             require(len(set(choices)) == len(choices), "thrusters", choices, "each number once")
         grid = self.onset_grid
@@ -224,7 +224,7 @@ class FaultDistribution:
                 + gyros * bool(of_gyros)
             )
             whose = "actuators" if of_wheels or of_gyros else "thrusters"
-            require(self.count[1] <= most, "count", self.count, f"at most {most}, the {whose} that may fail")
+            require(self.count[1] <= most, "count", self.count, f"at most {most}, the {whose} that may fail,")
         table = np.zeros(FIRST_CHOICE + len(choices))
         table[PROBABILITY] = self.probability
         table[ONSET_GRID], table[SHARED] = self.onset_grid, self.shared
@@ -277,7 +277,7 @@ class FaultDistribution:
             "sensor_count", self.sensor_count, "a range of numbers from 1",
         )  # fmt: skip
         sensors = SENSORS if self.sensors is None else self.sensors
-        require(len(sensors) > 0, "sensors", sensors, "at least one sensor, or None")
+        require(len(sensors) > 0, "sensors", sensors, "at least one sensor, or None,")
         for sensor in (*sensors, *self.sensor_severity):
             check_sensor(sensor)
         require(len(set(sensors)) == len(sensors), "sensors", sensors, "each sensor once")
@@ -325,8 +325,8 @@ def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
     if isinstance(argument, Mapping) and not _KEYS_OF_A_FAULT & argument.keys():
         if not _KEYS_OF_A_DISTRIBUTION & argument.keys():
             raise ValueError(
-                "faults must be a mapping with 'thruster' and 'kind', or one with 'probability', got "
-                f"{shown(argument)}"
+                f"faults is {shown(argument)}; a mapping with 'thruster' and 'kind', or one with "
+                "'probability', would be right"
             )
         return from_mapping(FaultDistribution, argument, "faults")
     if isinstance(argument, Fault | Mapping):
@@ -336,8 +336,8 @@ def as_faults(argument: object) -> tuple[Fault, ...] | FaultDistribution:
             _as_fault(one, f"faults, entry {number}") for number, one in enumerate(argument, start=1)
         )
     raise ValueError(
-        "faults must be a Fault, a FaultDistribution, a mapping of either's fields, a list of faults or "
-        f"None, got {shown(argument)}"
+        f"faults is {shown(argument)}; a Fault, a FaultDistribution, a mapping of either's fields, "
+        "a list of faults or None would be right"
     )
 
 
@@ -348,7 +348,7 @@ _KEYS_OF_A_DISTRIBUTION = frozenset(one.name for one in dataclasses.fields(Fault
 def _as_fault(value: Any, where: str) -> Fault:
     if isinstance(value, FaultDistribution):
         raise ValueError(
-            f"{where} must be a Fault, or the distribution must stand by itself, got a FaultDistribution"
+            f"{where} is a FaultDistribution; a Fault, or the distribution by itself, would be right"
         )
     if isinstance(value, Mapping):
         value = dict(value)

@@ -128,7 +128,8 @@ def encode(
     for number, fault in enumerate(faults, start=1):
         if fault.craft > number_of_craft:
             raise ValueError(
-                f"fault {number} must be on a craft from 1 to {number_of_craft}, got {fault.craft}"
+                f"fault {number} is on craft {fault.craft}; "
+                f"a number from 1 to {number_of_craft} would be right"
             )
         storing = fault.sensor is None and fault.kind in WHEEL_KINDS + GYRO_KINDS
         if storing:
@@ -138,13 +139,13 @@ def encode(
                 raise ValueError(f"fault {number} is on {what} {fault.thruster}; {right}")
         elif fault.thruster > number_of_thrusters + spare:
             raise ValueError(
-                f"fault {number} must be on a thruster from 1 to {number_of_thrusters + spare}, got "
-                f"{fault.thruster}"
+                f"fault {number} is on thruster {fault.thruster}; "
+                f"a number from 1 to {number_of_thrusters + spare} would be right"
             )
         craft = fault.craft - 1
         if used[craft] == slots:
             raise ValueError(
-                f"faults of craft {fault.craft} must be at most {slots}, got one more with fault {number}"
+                f"fault {number} is one too many for craft {fault.craft}; at most {slots} would be right"
             )
         redundant = not storing and fault.thruster > number_of_thrusters
         kinds = KINDS if fault.sensor is None else SENSOR_KINDS
@@ -184,8 +185,8 @@ def decode(rows: ArrayLike, number_of_thrusters: int | None = None) -> list[Faul
     table = np.asarray(rows, dtype=np.float64)
     if table.ndim not in (2, 3) or table.shape[-1] != len(FAULT_FIELDS):
         raise ValueError(
-            f"rows must have the shape (craft, slots, {len(FAULT_FIELDS)}) or (slots, {len(FAULT_FIELDS)}), "
-            f"got {table.shape}"
+            f"rows have the shape {table.shape}; (craft, slots, {len(FAULT_FIELDS)}) "
+            f"or (slots, {len(FAULT_FIELDS)}) would be right"
         )
     craft_rows = table if table.ndim == 3 else table[np.newaxis]
     faults = []

@@ -108,7 +108,7 @@ class Fault:
         axis: 1, 2 or 3 where one axis of the sensor fails, 0 where all three do.
 
     Raises:
-        ValueError: A value that no fault can have; one line says which and what it must be.
+        ValueError: A value that no fault can have; one line says which and what would be right.
     """
 
     thruster: int = None  # type: ignore[assignment]  # a number from __post_init__ on: 0 where a sensor fails
@@ -151,7 +151,9 @@ class Fault:
         if self.kind == "intermittent":
             if self.profile == "step":
                 object.__setattr__(self, "profile", "intermittent")
-            require(self.profile == "intermittent", "profile", self.profile, "'intermittent', as the kind is")
+            require(
+                self.profile == "intermittent", "profile", self.profile, "'intermittent', as the kind is,"
+            )
             if self.profile_time == 0.0:
                 object.__setattr__(self, "profile_time", DEFAULT_INTERMITTENT_PERIOD)
         if not kind_of(self.kind, self.sensor).profiles and self.profile not in ("step", "intermittent"):

@@ -213,7 +213,7 @@ class Fleet:
             of_sensors = source.sensor_probability > 0.0
             if source.count[1] > self.slots:
                 raise ValueError(
-                    f"count must be at most {self.slots} faults (fault_slots), got {source.count!r}"
+                    f"count is {source.count!r}; at most {self.slots} faults (fault_slots) would be right"
                 )
             most = source.sensor_count[1] + (source.count[1] if source.probability > 0.0 else 0)
             if of_sensors and most > self.slots:
@@ -239,8 +239,8 @@ class Fleet:
             of_sensors = any(fault.sensor is not None for fault in source)
         if waves and shortest < period:
             raise ValueError(
-                f"profile_time of an intermittent fault must be at least the control period, {period:g} s, "
-                f"got {shortest:g} s"
+                f"profile_time of an intermittent fault is {shortest:g} s; "
+                f"at least the control period, {period:g} s, would be right"
             )
         return FaultPlan(rows, table, of_sensors)
 
@@ -266,14 +266,15 @@ class Fleet:
         for kind in kinds:
             if kind in DISCHARGE_KINDS and not discharges:
                 raise ValueError(
-                    f"kind must be one of {possible} where there is no discharge, as on {name!r}, got "
-                    f"{kind!r}"
+                    f"kind {kind!r} is a fault of a discharge, and {name!r} has none; "
+                    f"one of {possible} would be right"
                 )
             if kind not in self.kinds:
-                raise ValueError(f"kind must be one of {possible} here, got {kind!r}")
+                raise ValueError(f"kind {kind!r} has no meaning here; one of {possible} would be right")
         if shared and not (discharges and set(DISCHARGE_KINDS) <= set(self.kinds)):
             raise ValueError(
-                f"shared must be False where no thrusters share a capacitor, as of {name!r}, got True"
+                f"shared is True, and here no thrusters of {name!r} share a capacitor; "
+                "shared=False would be right"
             )
 
     # What tasks do with it -----------------------------------------------------------------------------

@@ -86,7 +86,7 @@ def pulse_waveforms(
         voltage: At the beginning, V; None for that of the discharge.
 
     Raises:
-        ValueError: A value that no pulse can have; one line says which and what it must be.
+        ValueError: A value that no pulse can have; one line says which and what would be right.
 
     >>> from thruster_envs.spacecraft import load
     >>> pulse = pulse_waveforms(load("ppt_cubesat").discharge, added_resistance=[0.0, 0.008])
@@ -168,8 +168,8 @@ class _Pulses:
         except ValueError:
             shapes = ", ".join(str(one.shape) for one in (mass, width, added, volts))
             raise ValueError(
-                "slug_mass, electrode_width, added_resistance and voltage must have shapes that broadcast, "
-                f"got {shapes}"
+                "slug_mass, electrode_width, added_resistance and voltage have the shapes "
+                f"{shapes}; shapes that broadcast would be right"
             ) from None
         gradient = MU_0 * discharge.electrode_gap / width  # of the inductance, H/m
         kick = (gradient * discharge.capacitance * volts) ** 2 / (2.0 * mass * discharge.inductance)
@@ -179,7 +179,7 @@ class _Pulses:
                 bool(np.all(values <= most)),
                 f"{name} of a pulse",
                 float(np.max(values, initial=0.0)),
-                f"at most {most:g}, a heavier slug, more width or less resistance",
+                f"at most {most:g}, a heavier slug, more width or less resistance,",
             )
         return cls(mass, volts, discharge.inductance / gradient, kick, damping)
 

@@ -94,7 +94,7 @@ def check_torques(bias_torque: Sequence[float], fault_bias: Sequence[float]) -> 
     """
     for name, values, count in (("bias_torque", bias_torque, 3), ("fault_bias", fault_bias, 2)):
         if len(values) != count or not all(map(math.isfinite, values)):
-            raise ValueError(f"{name} must be {count} finite numbers of N m, got {values}")
+            raise ValueError(f"{name} is {values}; {count} finite numbers of N m would be right")
         if any(abs(value) > LARGEST for value in values):
             raise ValueError(f"{name} must be at most {LARGEST:g} N m, got {values}")
 
@@ -106,5 +106,8 @@ def discharge_of(spacecraft: Spacecraft) -> Discharge:
         ValueError: It has none.
     """
     if spacecraft.discharge is None:
-        raise ValueError(f"spacecraft must have a discharge, as 'ppt_cubesat' has, got {spacecraft.name!r}")
+        raise ValueError(
+            f"{spacecraft.name!r} has no discharge; a spacecraft on pulsed plasma thrusters, such as "
+            "'ppt_cubesat', would be right"
+        )
     return spacecraft.discharge

@@ -446,7 +446,7 @@ def carried_pulses(spacecraft: Spacecraft) -> int:
     """Pulses of earlier periods that may still be open when a period begins, behind a modulator."""
     modulator = spacecraft.modulator
     if modulator is None:
-        raise ValueError(f"spacecraft must have a modulator, got {spacecraft.name!r}")
+        raise ValueError(f"{spacecraft.name!r} has no modulator; a spacecraft with one would be right")
     longest = max(thruster.closing_delay for thruster in spacecraft.thrusters)
     latest = modulator.delay + modulator.variation + modulator.jitter + longest
     return math.ceil(latest / spacecraft.control_period)

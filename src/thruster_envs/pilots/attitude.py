@@ -85,8 +85,8 @@ class AttitudePilot:
                 thrusters[axis, side] = np.argmax(along)
                 if not along.max() > 0.0:
                     raise ValueError(
-                        f"spacecraft must have a thruster for each way about each axis, got {vehicle.name!r} "
-                        f"without one about {'+-'[side]}{'xyz'[axis]}"
+                        f"no thruster of {vehicle.name!r} turns it about {'+-'[side]}{'xyz'[axis]}; "
+                        "one for each way about each axis would be right"
                     )
         axes = np.arange(3)
         torque = np.minimum(torques[axes, thrusters[:, 0]], -torques[axes, thrusters[:, 1]])

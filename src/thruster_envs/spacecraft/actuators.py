@@ -93,7 +93,7 @@ class Thruster:
             "a positive number of s, or inf",
         )
         check_size(f"{who}specific_impulse", self.specific_impulse, "s", low=1.0 / LARGEST, high=math.inf)
-        require(self.capacitor >= 0, f"{who}capacitor", self.capacitor, "a number from 1, or 0 for none")
+        require(self.capacitor >= 0, f"{who}capacitor", self.capacitor, "a number from 1, or 0 for none,")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +151,7 @@ class Modulator:
             self.variation + self.jitter <= self.delay,
             "modulator: variation and jitter together",
             self.variation + self.jitter,
-            f"at most the delay, {self.delay!r} s",
+            f"at most the delay, {self.delay!r} s,",
         )
 
 
@@ -196,7 +196,7 @@ class Discharge:
             self.sample_time <= coarsest,
             "discharge: sample_time",
             self.sample_time,
-            f"at most {coarsest:.2g} s, {COARSEST_SAMPLE:g} sqrt(inductance capacitance)",
+            f"at most {coarsest:.2g} s, {COARSEST_SAMPLE:g} sqrt(inductance capacitance),",
         )
         steps = self.duration / self.sample_time
         require(

@@ -124,7 +124,7 @@ class Spacecraft:
             "external: what". It takes no part in the hash, and in nothing that is computed.
 
     Raises:
-        ValueError: A value that no spacecraft can have; one line says which and what it must be.
+        ValueError: A value that no spacecraft can have; one line says which and what would be right.
     """
 
     name: str
@@ -162,7 +162,9 @@ class Spacecraft:
             )
         elif any(math.isfinite(thruster.specific_impulse) for thruster in self.thrusters):
             raise ValueError(
-                "feed: propellant_mass must be finite while a thruster has a finite specific_impulse, got inf"
+                "feed: propellant_mass is infinite while a thruster has a finite specific_impulse, so that "
+                "the mass would fall below zero; a finite propellant_mass, or specific_impulse = inf, "
+                "would be right"
             )
         check_positive("control_period", self.control_period, "s")
         self._follow_orbit()
@@ -191,7 +193,7 @@ class Spacecraft:
                 not self.isolation_valves,
                 "isolation_valves",
                 self.isolation_valves,
-                "False, or a modulator beside it (one without delay at the least)",
+                "False, or a modulator beside it (one without delay at the least),",
             )
             for thruster in self.thrusters:
                 require(
@@ -208,7 +210,7 @@ class Spacecraft:
             closer <= period,
             "modulator: by how much variation and jitter may bring two pulses together",
             closer,
-            f"at most the control_period, {period!r} s, so that pulses keep their order",
+            f"at most the control_period, {period!r} s, so that pulses keep their order,",
         )
         latest = modulator.delay + modulator.variation + modulator.jitter
         latest += max(thruster.closing_delay for thruster in self.thrusters)
@@ -227,27 +229,27 @@ class Spacecraft:
                     getattr(thruster, name) == 0.0,
                     f"thruster {shown(thruster.name)}: {name}",
                     getattr(thruster, name),
-                    "0 s behind a modulator, and a time_constant instead",
+                    "0 s behind a modulator, and a time_constant instead,",
                 )
 
     def _check_discharge(self) -> None:
         for thruster in self.thrusters:
             if self.discharge is not None and thruster.capacitor == 0:
                 raise ValueError(
-                    f"thruster {shown(thruster.name)}: capacitor must be a number from 1, as the spacecraft "
-                    "has a discharge, got 0"
+                    f"thruster {shown(thruster.name)} has no capacitor while the spacecraft has a discharge; "
+                    "a number from 1 for each thruster would be right"
                 )
             if self.discharge is None and thruster.capacitor > 0:
                 raise ValueError(
-                    f"thruster {shown(thruster.name)}: capacitor must be 0, as the spacecraft has no "
-                    f"discharge, got {thruster.capacitor}"
+                    f"thruster {shown(thruster.name)} has the capacitor {thruster.capacitor} while the "
+                    "spacecraft has no discharge; a [discharge] table, or capacitor = 0, would be right"
                 )
         if self.discharge is not None:
             require(
                 self.discharge.firing_time <= self.control_period,
                 "discharge: firing_time",
                 self.discharge.firing_time,
-                f"at most the control_period, {self.control_period!r} s",
+                f"at most the control_period, {self.control_period!r} s,",
             )
 
     def __repr__(self) -> str:
@@ -372,7 +374,7 @@ class Spacecraft:
             where: Where the mapping stands, put at the head of every error line.
 
         Raises:
-            ValueError: One line that says what is wrong, where, and what it must be.
+            ValueError: One line that says what is wrong, where, and what would be right.
         """
         return from_mapping(cls, _with_orbit(mapping, where), where)
 
@@ -428,14 +430,18 @@ def objective_weights(
     """
     matrix = np.asarray(effectiveness, dtype=np.float64)
     if matrix.ndim != 2 or 0 in matrix.shape:
-        raise ValueError(f"effectiveness must have the shape (axes, thrusters), got {matrix.shape}")
+        raise ValueError(f"effectiveness has the shape {matrix.shape}; (axes, thrusters) would be right")
     if not np.all(np.isfinite(matrix)):
         row, column = np.argwhere(~np.isfinite(matrix))[0]
-        raise ValueError(f"effectiveness[{row}, {column}] must be a finite number, got {matrix[row, column]}")
+        raise ValueError(
+            f"effectiveness[{row}, {column}] is {matrix[row, column]}; a finite number would be right"
+        )
     require(math.isfinite(period) and period > 0.0, "period", period, "a positive number of s")
     authority = period * _reach(matrix)
     if not np.any(authority > 0.0):
-        raise ValueError("effectiveness must have at least one entry that is not zero, got zeros")
+        raise ValueError(
+            "effectiveness is zero throughout; at least one thruster with an effect would be right"
+        )
     number_of_thrusters = matrix.shape[1]
     smallest = np.min(authority[authority > 0.0])
     slack_cost = SLACK_FACTOR * number_of_thrusters * period / np.where(authority > 0.0, authority, smallest)
@@ -455,8 +461,8 @@ def _check_names(what: str, actuators: tuple[Any, ...]) -> None:
     for number, one in enumerate(actuators, start=1):
         if one.name in names:
             raise ValueError(
-                f"{what} {names[one.name]} and {number} must have names of their own, got {shown(one.name)} "
-                "for both"
+                f"{what} {names[one.name]} and {number} are both named {shown(one.name)}; "
+                "a name of its own for each would be right"
             )
         names[one.name] = number
 
@@ -469,12 +475,15 @@ def _check_inertia(inertia: tuple[Vector, Vector, Vector], unphysical: bool) -> 
         raise ValueError("inertia must have positive principal moments, got nine zeros")
     check_size("inertia: its largest entry", largest, "kg m^2", low=1.0 / LARGEST)
     if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12 * largest):
-        raise ValueError(f"inertia must be symmetric, got {inertia!r}")
+        raise ValueError(
+            f"inertia is {inertia!r}, which is not symmetric; "
+            "the same value across the diagonal would be right"
+        )
     first, second, third = np.linalg.eigvalsh(matrix).tolist()
     if not first > 1e-12 * largest:
         raise ValueError(
-            f"inertia must have positive principal moments, got {inertia!r}, whose smallest is {first:.4g} "
-            "kg m^2"
+            f"inertia is {inertia!r}, which is not positive definite: its smallest principal moment is "
+            f"{first:.4g} kg m^2; positive principal moments would be right"
         )
     if third - first - second > ROUND_OFF * third and not unphysical:
         raise ValueError(

@@ -42,7 +42,7 @@ def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacec
 
     Raises:
         ValueError: No such name or file, a file that cannot be read, or something in it that is wrong: one
-            line says what, where, and what it must be.
+            line says what, where, and what would be right.
 
     >>> load("orion").mass
     20.0
@@ -55,7 +55,9 @@ def load(source: str | PathLike[str] | Mapping[str, Any] | Spacecraft) -> Spacec
         file = resources.files(__package__) / "catalogue" / f"{source}.toml"
         return _from_text(file.read_text(encoding="utf-8"), f"{source}.toml")
     if not isinstance(source, str | PathLike):
-        raise ValueError(f"spacecraft must be a name, a path, a mapping or a Spacecraft, got {shown(source)}")
+        raise ValueError(
+            f"{shown(source)} is no spacecraft; a name, a path, a mapping or a Spacecraft would be right"
+        )
     path = os.fsdecode(source)
     if not _exists(path):
         raise ValueError(
@@ -113,7 +115,7 @@ def _exists(path: str) -> bool:
 
 def _hint(path: str, names: tuple[str, ...]) -> str:
     return (
-        f"it must be a path that exists (the catalogue has {', '.join(names)})"
+        f"a path that exists would be right (the catalogue has {', '.join(names)})"
         if Path(path).suffix
         else suggestion(path, names)
     )
@@ -152,7 +154,7 @@ def _from_document(document: Mapping[str, Any], where: str) -> Spacecraft:
     fields = dict(document)
     defaults = fields.pop("thruster_defaults", {})
     if not isinstance(defaults, Mapping):
-        raise ValueError(f"{where}: thruster_defaults must be a table, got {shown(defaults)}")
+        raise ValueError(f"{where}: thruster_defaults is {shown(defaults)}; a table would be right")
     thrusters = fields.get("thrusters")
     if defaults and isinstance(thrusters, list | tuple):
         fields["thrusters"] = [

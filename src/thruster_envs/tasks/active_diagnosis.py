@@ -51,7 +51,9 @@ class ActiveDiagnosis(FaultDiagnosis):
         duties = tuple(float(duty) for duty in self.test_duties)
         object.__setattr__(self, "test_duties", duties)
         if not duties or not all(0.0 < duty <= 1.0 for duty in duties):
-            raise ValueError(f"test_duties must be one or more numbers above 0 and at most 1, got {duties!r}")
+            raise ValueError(
+                f"test_duties is {duties!r}; one or more numbers above 0 and at most 1 would be right"
+            )
         check_positive(self, "budget", "soft_rate_limit")
         check_not_negative(self, "fuel_cost")
 

@@ -74,7 +74,7 @@ def check_whole(name: str, value: Any, low: int, high: int) -> None:
         ValueError: One line that names it.
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise ValueError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
+        raise ValueError(f"{name} is {value!r}; a whole number from {low} to {high} would be right")
 
 
 def check_positive(task: Any, *names: str) -> None:
@@ -86,7 +86,7 @@ def check_positive(task: Any, *names: str) -> None:
     for name in names:
         value = getattr(task, name)
         if not 0.0 < value < math.inf:
-            raise ValueError(f"{name} must be a finite number above 0, got {value!r}")
+            raise ValueError(f"{name} is {value!r}; a finite number above 0 would be right")
         if not 1.0 / LARGEST <= value <= LARGEST:
             raise ValueError(f"{name} must be from {1.0 / LARGEST:g} to {LARGEST:g}, got {value!r}")
 
@@ -100,7 +100,7 @@ def check_not_negative(task: Any, *names: str) -> None:
     for name in names:
         value = getattr(task, name)
         if not 0.0 <= value < math.inf:
-            raise ValueError(f"{name} must be a finite number of 0 or more, got {value!r}")
+            raise ValueError(f"{name} is {value!r}; a finite number of 0 or more would be right")
         if not value <= LARGEST:
             raise ValueError(f"{name} must be at most {LARGEST:g}, got {value!r}")
 

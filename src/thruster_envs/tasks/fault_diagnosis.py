@@ -219,7 +219,7 @@ class FaultDiagnosis(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.pilot is not None and not callable(self.pilot):
-            raise ValueError(f"pilot must be None or a callable, got {self.pilot!r}")
+            raise ValueError(f"pilot is {self.pilot!r}; None or a callable would be right")
         check_whole("leg", self.leg, 1, FLIGHT)
         check_positive(self, "range_limit", "rate_limit")
         reach = () if self.reach is None else ("reach",)
@@ -417,12 +417,14 @@ def piloted(pilot: Callable[[Sight], Any], sight: Sight) -> FloatArray:
     """
     duties = np.asarray(pilot(sight), dtype=np.float64)
     if duties.shape != sight.duties.shape:
-        raise ValueError(f"the pilot's duties must have the shape {sight.duties.shape}, got {duties.shape}")
+        raise ValueError(
+            f"the pilot's duties have the shape {duties.shape}; {sight.duties.shape} would be right"
+        )
     if not np.isfinite(duties).all():
         world, thruster = np.argwhere(~np.isfinite(duties))[0]
         raise ValueError(
-            f"the pilot's duty of world {world}, thruster {thruster + 1} must be a number from 0 to 1, got "
-            f"{duties[world, thruster]}"
+            f"the pilot's duty of world {world}, thruster {thruster + 1} is {duties[world, thruster]}; "
+            "a number from 0 to 1 would be right"
         )
     return np.clip(duties, 0.0, 1.0)
 

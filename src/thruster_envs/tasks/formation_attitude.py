@@ -223,17 +223,17 @@ class FormationAttitude(Task):
         if self.retarget_interval is not None:
             check_whole("retarget_interval", self.retarget_interval, 1, 2**31)
         if self.action not in ("pulses", "duties"):
-            raise ValueError(f"action must be 'pulses' or 'duties', got {self.action!r}")
+            raise ValueError(f"action is {self.action!r}; 'pulses' or 'duties' would be right")
         for name in ("roll_degrees", "pitch_degrees", "yaw_degrees"):
             low, high = getattr(self, name)
             if not -180.0 <= low <= high <= 180.0:
-                raise ValueError(f"{name} must be two angles from -180 to 180, got {(low, high)}")
+                raise ValueError(f"{name} is {(low, high)}; two angles from -180 to 180 would be right")
         check_torques(self.bias_torque, self.fault_bias)
         check_positive(self, "rate_soft_limit", "rate_limit")
         if self.rate_limit < self.rate_soft_limit:
             raise ValueError(
-                f"rate_limit must be at least rate_soft_limit, {self.rate_soft_limit!r}, got "
-                f"{self.rate_limit!r}"
+                f"rate_limit is {self.rate_limit!r}; rate_soft_limit, {self.rate_soft_limit!r}, or more "
+                "would be right"
             )
         check_not_negative(self, "balance_price", "pulse_price")
         AttitudePilot.of(self.vehicle)

@@ -270,11 +270,13 @@ class MarsRendezvous(Task):
         )  # fmt: skip
         for name in ("mass_error", "inertia_error", "thrust_error"):
             if not 0.0 <= getattr(self, name) <= 0.5:
-                raise ValueError(f"{name} must be a share from 0 to 0.5, got {getattr(self, name)!r}")
+                raise ValueError(f"{name} is {getattr(self, name)!r}; a share from 0 to 0.5 would be right")
         if not 0.0 <= self.centre_of_mass_error < math.inf:
-            raise ValueError(f"centre_of_mass_error must be 0 m or more, got {self.centre_of_mass_error!r}")
+            raise ValueError(
+                f"centre_of_mass_error is {self.centre_of_mass_error!r}; 0 m or more would be right"
+            )
         if not 2.5 <= self.distance <= 1000.0:  # nearer, a retreat would end beyond what is observed
-            raise ValueError(f"distance must be 2.5 to 1000 m, got {self.distance!r}")
+            raise ValueError(f"distance is {self.distance!r}; 2.5 to 1000 m would be right")
         orbit = self.vehicle.reference_orbit
         if not orbit.is_steady:
             raise ValueError(
@@ -284,12 +286,13 @@ class MarsRendezvous(Task):
             )
         if self.vehicle.modulator is None:
             raise ValueError(
-                f"spacecraft must have a modulator, as 'msr_chaser' has, got {self.vehicle.name!r}"
+                f"{self.vehicle.name!r} has no modulator; a spacecraft with one, such as 'msr_chaser', "
+                "would be right"
             )
         if self.inhibit and not self.vehicle.isolation_valves:
             raise ValueError(
-                f"inhibit must be False where there are no isolation valves, as on {self.vehicle.name!r}, "
-                "got True"
+                f"inhibit is True while {self.vehicle.name!r} has no isolation valves; inhibit=False would "
+                "be right"
             )
 
     @cached_property

@@ -186,7 +186,9 @@ class OrionRendezvous(Task):
             "range_limit", "rate_limit", "rate_soft_limit", "orbits",
         )  # fmt: skip
         if not math.hypot(*start) < self.range_limit:
-            raise ValueError(f"start must be three numbers of m within {self.range_limit:g} m, got {start!r}")
+            raise ValueError(
+                f"start is {start!r}; three numbers of m within {self.range_limit:g} m would be right"
+            )
 
     @cached_property
     def steps(self) -> int:

@@ -228,7 +228,8 @@ class PulseDiagnosis(Task):
         discharge = self.vehicle.discharge
         if discharge is None:
             raise ValueError(
-                f"spacecraft must have a discharge, as 'ppt_cubesat' has, got {self.vehicle.name!r}"
+                f"the spacecraft {self.vehicle.name!r} has no discharge; one that has, like 'ppt_cubesat', "
+                "would be right"
             )
         check_whole("thruster", self.thruster, 1, self.vehicle.number_of_thrusters)
         check_whole("samples", self.samples, 2, discharge.number_of_samples)
@@ -236,20 +237,20 @@ class PulseDiagnosis(Task):
         longest = (discharge.number_of_samples - 1) // (self.samples - 1)
         if not (1.0 <= round(every) <= longest and abs(every - round(every)) < 1e-6 * every):
             raise ValueError(
-                f"sample_spacing must be a multiple of {discharge.sample_time:g} s up to "
-                f"{longest * discharge.sample_time:g} s, the end of the pulse, got {self.sample_spacing!r} s"
+                f"sample_spacing is {self.sample_spacing!r} s; a multiple of {discharge.sample_time:g} s "
+                f"up to {longest * discharge.sample_time:g} s, the end of the pulse, would be right"
             )
         check_not_negative(
             self, "voltage_noise", "current_noise", "thrust_noise", "right_worth", "delay_cost",
             "false_alarm_cost", "wrong_name_cost",
         )  # fmt: skip
         if not 0.0 < self.band < 1.0:
-            raise ValueError(f"band must be a share above 0 and below 1, got {self.band!r}")
+            raise ValueError(f"band is {self.band!r}; a share above 0 and below 1 would be right")
         most = math.sqrt(1.0 + self.band) - 1.0
         if not 0.0 <= self.voltage_jitter < most:
             raise ValueError(
-                f"voltage_jitter must be a share from 0 to below {most:.4f}, so that the charge alone makes "
-                f"no pulse faulty, got {self.voltage_jitter!r}"
+                f"voltage_jitter is {self.voltage_jitter!r}; a share from 0 to below {most:.4f}, so that the "
+                "charge alone makes no pulse faulty, would be right"
             )
 
     @property

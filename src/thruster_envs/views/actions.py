@@ -64,13 +64,14 @@ class _Allocation:
         base = env.unwrapped
         if not isinstance(base, (TaskEnv, TaskVectorEnv)):
             raise TypeError(
-                f"environment must be one of thruster_envs, got {type(base).__name__}, which has no thrusters"
+                f"{type(base).__name__} has no thrusters to map to; "
+                "an environment of thruster_envs would be right"
             )
         self.worlds, self.task, self.mapper = base.worlds, base.task, mapper
         if self.task.choices is not None:
             raise ValueError(
-                "environment must have the duty of each thruster as its action, a Box, got "
-                f"{type(base).__name__}"
+                f"the action of {type(base).__name__} is not the duty of each thruster, so there is nothing "
+                "to map to; an environment whose action is a Box would be right"
             )
         self.thrusters = self.task.vehicle.number_of_thrusters
         #: Numbers of an action: a rate change, and what the environment takes beside duties, as it takes it.
@@ -79,8 +80,8 @@ class _Allocation:
         self.authority = self.task.vehicle.authority()
         if np.shape(mapper.effectiveness) != (6, self.thrusters):
             raise ValueError(
-                f"mapper must be for a vehicle of shape {(6, self.thrusters)}, got "
-                f"{np.shape(mapper.effectiveness)}"
+                f"the mapper is for a vehicle of shape {np.shape(mapper.effectiveness)}; "
+                f"{(6, self.thrusters)} would be right"
             )
         self.memory = mapper if isinstance(mapper, MapperWithMemory) else None
         thrusters = self.task.vehicle.thrusters
@@ -130,13 +131,13 @@ class _Allocation:
 def _has_command(allocation: _Allocation) -> None:
     if not isinstance(allocation.worlds.state, MappingState):
         raise ValueError(
-            "environment must be ThrusterMapping-v0 or within MapperAction, where a rate change is "
-            f"commanded, got {type(allocation.task).__name__}"
+            f"{type(allocation.task).__name__} commands no rate change, so a belief alone says nothing; "
+            "MapperAction, or ThrusterMapping-v0, would be right"
         )
     if allocation.memory is not None:
         raise ValueError(
-            "mapper must have no memory, as every command here stands for itself, got a "
-            f"{type(allocation.mapper).__name__}"
+            f"the mapper is a {type(allocation.mapper).__name__}, which carries over to the next command, "
+            "while every command here stands for itself; a mapper without a memory would be right"
         )
 
 
@@ -147,7 +148,7 @@ def _serves(allocation: _Allocation, *shapes: tuple[int, ...]) -> None:
     shape = np.shape(allocation.memory.remainder)
     if shape not in shapes:
         raise ValueError(
-            f"the mapper's remainder must have the shape {' or '.join(map(str, shapes))}, got {shape}"
+            f"the mapper's remainder has the shape {shape}; {' or '.join(map(str, shapes))} would be right"
         )
 
 
@@ -413,8 +414,8 @@ class HoldAction(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, TaskEnv):
             raise TypeError(
-                f"environment must be one of thruster_envs, got {type(env.unwrapped).__name__}, which has no "
-                "control periods"
+                f"{type(env.unwrapped).__name__} has no control periods to hold an action for; "
+                "an environment of thruster_envs would be right"
             )
         self.periods = int(periods)
 
@@ -448,8 +449,8 @@ class VectorHoldAction(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], periods: int) -> None:
         if not isinstance(env, TaskVectorEnv):
             raise TypeError(
-                "env must be a vector environment of thruster_envs without a wrapper, got a "
-                f"{type(env).__name__}"
+                f"env is a {type(env).__name__}; a vector environment of thruster_envs, without a wrapper, "
+                "would be right"
             )
         super().__init__(env)
         check_whole("periods", periods, 1, _LONGEST_HOLD)
@@ -505,5 +506,7 @@ def _with_belief(space: Any, thrusters: int) -> spaces.Box:
 def _finite(action: Any, *shape: int) -> Array:
     array = checked_actions(action, shape)
     if not np.isfinite(array).all():
-        raise ValueError(f"the action must have entries from -1 to 1, got {array[~np.isfinite(array)][0]}")
+        raise ValueError(
+            f"the action has the entry {array[~np.isfinite(array)][0]}; numbers from -1 to 1 would be right"
+        )
     return array

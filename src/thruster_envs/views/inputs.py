@@ -70,5 +70,5 @@ def checked_actions(
     if array.dtype.kind not in ("iufb" if switches else "iuf"):
         raise ValueError(f"{name} must be real numbers, got the type {array.dtype}")
     if array.shape != shape:
-        raise ValueError(f"{name} must have the shape {shape}, got {array.shape}")
+        raise ValueError(f"{name} has the shape {array.shape}; {shape} would be right")
     return array.astype(np.float64)

@@ -106,8 +106,7 @@ class TaskParallelEnv(MidEpisode, ParallelEnv[str, Observation, Observation]):  
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(
-                f"actions must have one for each of {', '.join(self.agents)}, got none for "
-                f"{', '.join(missing)}"
+                f"no action for {', '.join(missing)}; one for each of {', '.join(self.agents)} would be right"
             )
         switches = self.task.choices is not None
         given = [

@@ -191,7 +191,7 @@ def make_task(
     names = [field.name for field in fields(task_type) if field.init]
     for key in configuration:
         if key in fixed:
-            raise ValueError(f"{key} must be left out, as it is always {fixed[key]!r} here, got another")
+            raise ValueError(f"{key} is always {fixed[key]!r} here; leaving it out would be right")
         if key not in names:
             known = [*others, *(name for name in names if name not in fixed)]
             raise TypeError(
@@ -206,7 +206,7 @@ def make_task(
 def checked_render_mode(mode: str | None) -> str | None:
     """The render mode, if it is one that every environment has."""
     if mode is not None and mode not in RENDER_MODES:
-        raise ValueError(f"render_mode must be None, 'rgb_array' or 'human', got {mode!r}")
+        raise ValueError(f"render_mode is {mode!r}; None, 'rgb_array' or 'human' would be right")
     return mode
 
 

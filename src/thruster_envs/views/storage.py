@@ -40,7 +40,7 @@ class Storage:
         n, rows = shape[2], self.fleet.rows
         right = (*shape[:2], n + self.wheels + self.gyros)
         if actions.shape != right:
-            raise ValueError(f"the action must have the shape {right}, got {actions.shape}")
+            raise ValueError(f"the action has the shape {actions.shape}; {right} would be right")
         stored = actions[..., n:]
         if not np.isfinite(stored).all():
             world, agent, entry = np.argwhere(~np.isfinite(stored))[0]

@@ -129,7 +129,7 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
         except ValueError:
             values = ", ".join(repr(one.value) for one in AutoresetMode)
             raise ValueError(
-                f"autoreset_mode must be an AutoresetMode or one of {values}, got {mode!r}"
+                f"autoreset_mode is {mode!r}; an AutoresetMode or one of {values} would be right"
             ) from None
         self.metadata = dict(type(self).metadata) | {"autoreset_mode": self.autoreset_mode}  # type: ignore[misc]  # per instance on purpose
 
@@ -165,9 +165,11 @@ class TaskVectorEnv(MidEpisode, VectorEnv[Observations, Any, Any]):
             return np.ones(self.num_envs, np.bool_)
         mask = options["reset_mask"]
         if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
-            raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},), got {mask!r}")
+            raise ValueError(
+                f"reset_mask is {mask!r}; a bool array of shape ({self.num_envs},) would be right"
+            )
         if not mask.any():
-            raise ValueError("reset_mask must have at least one True, got False everywhere")
+            raise ValueError("reset_mask is False everywhere; at least one True would be right")
         if not mask.all() and not self.worlds.begun:
             raise ValueError("reset_mask leaves worlds out that were never reset; reset all of them first")
         return mask

@@ -231,7 +231,7 @@ class Worlds:
         if self._storage is not None:
             array = self._storage.commanded(array, self._shape)
         if array.shape != self._shape:
-            raise ValueError(f"the action must have the shape {self._shape}, got {array.shape}")
+            raise ValueError(f"the action has the shape {array.shape}; {self._shape} would be right")
         self.task.step(self.state, self._duties(array) if self._choices is None else self._options(array))
         self.steps += 1
         if self.watcher is not None:
@@ -267,8 +267,8 @@ class Worlds:
         if not duties_of(actions, duties):
             world, agent, thruster = np.argwhere(~np.isfinite(actions))[0]
             raise ValueError(
-                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} must be a "
-                f"number from -1 to 1, got {actions[world, agent, thruster]}"
+                f"the action of world {world}, {self.task.agents[agent]}, thruster {thruster + 1} is "
+                f"{actions[world, agent, thruster]}; a number from -1 to 1 would be right"
             )
         return duties
 
@@ -278,8 +278,9 @@ class Worlds:
         if not options_of(actions, self._choices, options):
             world, agent, entry = np.argwhere(options != actions)[0]
             raise ValueError(
-                f"the action of world {world}, {self.task.agents[agent]}, entry {entry} must be a whole "
-                f"number from 0 to {self._choices[entry] - 1}, got {actions[world, agent, entry]:g}"
+                f"the action of world {world}, {self.task.agents[agent]}, entry {entry} is "
+                f"{actions[world, agent, entry]:g}; a whole number from 0 to {self._choices[entry] - 1} "
+                "would be right"
             )
         return options
 
@@ -424,7 +425,7 @@ class Worlds:
         for name, own in self.save().items():
             given = np.shape(saved[name]) if name in saved else None
             if given != own.shape:
-                raise ValueError(f"the saved {name} must have the shape {own.shape}, got {given}")
+                raise ValueError(f"the saved {name} has the shape {given}; {own.shape} would be right")
         self.state.restore(dict(saved))
         for name in ("keys", "episodes", "steps"):
             getattr(self, name)[...] = saved[name]

@@ -58,11 +58,11 @@ class PulseCountCUSUM:
             np.asarray(one, dtype=np.float64) for one in (mean, slack, threshold)
         )
         if not (self.slack >= 0.0).all():
-            raise ValueError(f"slack must be at least 0, got {self.slack}")
+            raise ValueError(f"slack is {self.slack}; zero or more would be right")
         if not (self.threshold > 0.0).all():
-            raise ValueError(f"threshold must be a positive number of pulses, got {self.threshold}")
+            raise ValueError(f"threshold is {self.threshold}; a positive number of pulses would be right")
         if begin < 0:
-            raise ValueError(f"begin must be a period from 0, got {begin}")
+            raise ValueError(f"begin is {begin}; a period from 0 would be right")
         self.begin = begin
 
     @classmethod
@@ -100,7 +100,7 @@ class PulseCountCUSUM:
         record = np.asarray(pulses, dtype=np.float64)
         if record.ndim != 3 or record.shape[2] != self.mean.size:
             raise ValueError(
-                f"pulses must have the shape (missions, periods, {self.mean.size}), got {record.shape}"
+                f"pulses has the shape {record.shape}; (missions, periods, {self.mean.size}) would be right"
             )
         beyond = record[:, self.begin :] - self.mean
         steps = np.stack((beyond, -beyond), axis=-1) - self.slack[:, np.newaxis]

@@ -194,5 +194,5 @@ def pulse_arrays(
     samples = discharge.number_of_samples
     for name, wave in zip(("voltage", "current"), waves, strict=True):
         if wave.ndim != 2 or wave.shape != (len(waves[0]), samples):
-            raise ValueError(f"{name} must have the shape (pulses, {samples}), got {wave.shape}")
+            raise ValueError(f"{name} has the shape {wave.shape}; (pulses, {samples}) would be right")
     return waves

@@ -53,7 +53,7 @@ class PulseLibrary:
         errors = (("voltage_error", voltage_error, "V"), ("current_error", current_error, "A"))
         for name, value, unit in errors:
             if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} must be a positive number of {unit}, got {value}")
+                raise ValueError(f"{name} is {value}; a positive number of {unit} would be right")
         self.discharge = discharge
         self._errors = (voltage_error, current_error)
         kicks, resistances = (slice(None, None, step) for step in _SPANNING)

@@ -57,16 +57,18 @@ class MotionFit:
 
     def __init__(self, spacecraft: Spacecraft, rate_error: float) -> None:
         if not rate_error > 0.0:
-            raise ValueError(f"rate_error must be a positive number of rad/s, got {rate_error}")
+            raise ValueError(f"rate_error is {rate_error}; a positive number of rad/s would be right")
         if spacecraft.discharge is None:
-            raise ValueError(f"spacecraft must have a discharge, got {spacecraft.name!r}")
+            raise ValueError(
+                f"{spacecraft.name} has no discharge; a craft with pulsed thrusters would be right"
+            )
         acceleration = spacecraft.effectiveness()[3:]
         sizes = np.diag(acceleration[:, ::2])
         opposite = np.kron(np.diag(sizes), [1.0, -1.0])
         if acceleration.shape != opposite.shape or not np.allclose(acceleration, opposite, rtol=1e-9):
             raise ValueError(
-                "thrusters must be opposite pairs about the axes of the body, 1 and 2 about +x and -x and so "
-                f"on, got those of {spacecraft.name!r}"
+                f"the thrusters of {spacecraft.name} are not opposite pairs about the axes of its body; such "
+                "pairs, 1 and 2 about +x and -x and so on, would be right"
             )
         self._kick = spacecraft.discharge.firing_time * sizes  # rad/s, of one nominal pulse
         self._inertia = np.diag(spacecraft.inertia)
@@ -164,7 +166,7 @@ class MotionFit:
         for name, array, width in (("attitude", attitude, 4), ("rate", rate, 3)):
             if array.shape != (missions, periods + 1, width):
                 raise ValueError(
-                    f"{name} must have the shape {(missions, periods + 1, width)}, got {array.shape}"
+                    f"{name} has the shape {array.shape}; {(missions, periods + 1, width)} would be right"
                 )
         angle = self._mean_motion * self._period * np.arange(periods + 1)
         vertical = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)

@@ -35,7 +35,7 @@ class PulseResidual:
 
     def __init__(self, fit: PulseFit, threshold: float) -> None:
         if not threshold > 0.0:
-            raise ValueError(f"threshold must be a positive share, got {threshold}")
+            raise ValueError(f"threshold is {threshold}; a positive share would be right")
         self.threshold = threshold
         self._fit = fit
         self._discharge = fit.library.discharge

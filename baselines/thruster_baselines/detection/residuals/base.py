@@ -114,7 +114,7 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         refused: (vehicles,), how many samples were no numbers or no attitudes.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class BaseNavigationDetector(RecordsArguments, ABC):
             shape = own[name].shape if name in own else None
             given = np.shape(saved[name]) if name in saved else None
             if given != shape:
-                raise ValueError(f"the saved {name} must have the shape {shape}, got {given}")
+                raise ValueError(f"the saved {name} has the shape {given}; {shape} would be right")
         for name, value in saved.items():
             own[name][...] = value
         self._said = b"", ()
@@ -246,13 +246,13 @@ class BaseNavigationDetector(RecordsArguments, ABC):
         if valid is not None:
             there = np.asarray(valid, dtype=np.bool_)
             if there.shape != (self._vehicles,):
-                raise ValueError(f"valid must have the shape ({self._vehicles},), got {there.shape}")
+                raise ValueError(f"valid has the shape {there.shape}; ({self._vehicles},) would be right")
         wrong = _first_wrong(told)
         if wrong >= 0:
             vehicle, thruster = divmod(int(wrong), self._n)
             raise ValueError(
-                f"open_rates of vehicle {vehicle}, thruster {thruster + 1} must be a number from 0 to 1, got "
-                f"{told[vehicle, thruster]}"
+                f"open_rates of vehicle {vehicle}, thruster {thruster + 1} is {told[vehicle, thruster]}; "
+                "a number from 0 to 1 would be right"
             )
         return self._diagnose(Sample(told, place, pointing, turning, there))
 

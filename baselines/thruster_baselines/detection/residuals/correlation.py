@@ -76,7 +76,7 @@ class CorrelationDetector(NormThreshold):
         choice: (vehicles,), chosen in the last sample, from 1; 0 as long as there is no alarm.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class CorrelationDetector(NormThreshold):
             confirmations >= 1 and confirmations % 1 == 0, "confirmations", confirmations,
             "a whole number of samples from 1",
         )  # fmt: skip
-        require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1")
+        require(0.0 <= idle_guard < 1.0, "idle_guard", idle_guard, "an open rate from 0, below 1,")
         self.window, self.confirmations = int(window), int(confirmations)
         self.idle_guard = float(idle_guard)
         codes = {"x": 0, "y": 1, "z": 2, "sum": _SUM, "majority": _MAJORITY, "global": _GLOBAL}

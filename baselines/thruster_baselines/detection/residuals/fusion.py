@@ -157,7 +157,7 @@ class FusionDetector(BaseNavigationDetector):
         share: (vehicles, n), the best a of each thruster in the last sample.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -246,7 +246,7 @@ class FusionDetector(BaseNavigationDetector):
         named = self.thruster if thruster is None else np.asarray(thruster, dtype=np.int64)
         if named.shape != (self._vehicles,) or (named < 0).any() or (named > self._n).any():
             raise ValueError(
-                f"thruster must be {self._vehicles} numbers from 0 to {self._n}, got {named.tolist()}"
+                f"thruster is {named.tolist()}; {self._vehicles} numbers from 0 to {self._n} would be right"
             )
         statistic, severity = self._compare(np.arange(self._vehicles), named)
         best = np.where(named > 0, statistic.argmax(axis=1), NONE)

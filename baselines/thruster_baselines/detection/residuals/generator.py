@@ -87,7 +87,7 @@ class ResidualGenerator:
         given = [np.ascontiguousarray(one, dtype=np.float64) for one in (command, position)]
         for name, values in zip(("command", "position"), given, strict=True):
             if values.shape != (count, 3):
-                raise ValueError(f"{name} must have the shape ({count}, 3), got {values.shape}")
+                raise ValueError(f"{name} has the shape {values.shape}; ({count}, 3) would be right")
         residual = np.empty((count, 3))
         in_threads(partial(_step, self._observers.arrays, given[0], given[1], residual), count)
         return residual

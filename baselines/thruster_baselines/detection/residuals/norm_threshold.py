@@ -53,7 +53,7 @@ class NormThreshold(BaseNavigationDetector):
         residual: (vehicles, 3), m, of the last sample, in the axes of the design.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(

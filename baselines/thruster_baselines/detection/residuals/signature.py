@@ -78,7 +78,7 @@ class SignatureDetector(NormThreshold):
         share: (vehicles,), its size.
 
     Raises:
-        ValueError: A value that cannot be; the message says which and what it must be.
+        ValueError: A value that cannot be; the message says which and what would be right.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class SignatureDetector(NormThreshold):
             spacecraft = load(spacecraft)
         if lag is None:
             lag = round(nominal_delay(spacecraft) / spacecraft.control_period)
-        require(lag >= 0 and lag % 1 == 0, "lag", lag, "a whole number of periods, 0 or more")
+        require(lag >= 0 and lag % 1 == 0, "lag", lag, "a whole number of periods, 0 or more,")
         known = get_args(SignatureKind)
         for kind in kinds:
             if kind not in known:
