@@ -39,6 +39,8 @@ class Telemetry(NamedTuple):
             formation.
         rate: (vehicles, 3), rad/s, body axes, measured.
         target: (vehicles, 4), attitude that is asked for.
+        turning: (vehicles, 2, 3), rad/s, body axes: measured rate against LVLH at the start and at the end of
+            the period; with it the turning of thrust is taken off the rate change.
         valid: (vehicles,), where there is a measurement; everywhere by default.
         age: (vehicles,), s: how much older than the end of the period the measurement is; 0 by default.
         pulses: (vehicles, pairs): 1 where the first of a pair of opposite thrusters gave a pulse, -1 where
@@ -57,6 +59,7 @@ class Telemetry(NamedTuple):
     attitude: ArrayLike | None = None
     rate: ArrayLike | None = None
     target: ArrayLike | None = None
+    turning: ArrayLike | None = None
     valid: ArrayLike | None = None
     age: ArrayLike | None = None
     pulses: ArrayLike | None = None

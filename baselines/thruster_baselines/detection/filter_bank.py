@@ -14,8 +14,9 @@ thruster that opens in part.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numba import njit
@@ -81,6 +82,11 @@ class FilterBank(BaseDetector):
             raise ValueError(
                 f"floor is {floor}; below 1 / {hypotheses}, as there are so many hypotheses, would be right"
             )
+
+    @classmethod
+    def _closed_form(cls, _: Spacecraft, rate: float, /, **__: Any) -> float | None:
+        """The mean of likelihood ratios that never fall below one exceeds e^h in e^-h of all intervals."""
+        return -math.log(rate)
 
     def _begin(self, mask: BoolArray) -> None:
         super()._begin(mask)
@@ -158,6 +164,8 @@ class FilterBank(BaseDetector):
         )
         rows = delivered.reshape(count * each, n)
         noise = None if self._noise is None else self._noise.of_rows(rows)
+        if noise is not None and self._unmodelled is not None:
+            noise += np.repeat(self._unmodelled, each, axis=0)
         innovation = self._bank.advance(
             rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
         )
