@@ -18,13 +18,13 @@ wrong one (`thruster_baselines.estimation.MeasurementGate` checks navigation's o
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self, Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.belief import ActuatorBelief
@@ -32,6 +32,8 @@ from thruster_baselines.detection.calibration import chi_squared_threshold, rate
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_baselines.detection.contract import Telemetry, Verdict
 from thruster_baselines.detection.flights import RandomFlights
+from thruster_baselines.detection.interval import Interval, Scores
+from thruster_baselines.detection.mismatch import MismatchMonitor, ModelMismatchWarning
 from thruster_baselines.detection.self_calibration import calibrated_threshold
 from thruster_baselines.detection.settings import (
     FALSE_ALARMS,
@@ -52,60 +54,9 @@ from thruster_envs.spacecraft import Spacecraft, load
 __all__ = ["BaseDetector", "Interval"]
 
 _FLOWN = 120  # intervals of a flight that is simulated for a threshold
-_NOT_KEYS = ("noise", "vehicles")  # arguments on which a vehicle's threshold does not depend
+_NOT_KEYS = ("noise", "vehicles", "mismatch")  # arguments on which a vehicle's threshold does not depend
 
 _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
-
-
-class Interval(NamedTuple):
-    """One interval, as a detector sees it after the checks.
-
-    Kernels are called with a plain tuple of it, which takes half as long to enter one.
-
-    Attributes:
-        commanded: (vehicles, n), s, for which valves are open: as they were told, where valves follow.
-        on_times: (vehicles, n), s, effective: the loss of the shared feed taken off.
-        rate_change: (vehicles, m), m/s then rad/s, of a vehicle of nominal mass that does not turn meanwhile;
-            may be anything where it is not valid.
-        duration: s.
-        valid: (vehicles,), where there is a measurement that counts.
-        effectiveness: (vehicles, m, n), believed before this measurement, m/s^2 then rad/s^2.
-        residual: (vehicles, m), measured minus expected; zero where not valid.
-        covariance: (vehicles, m, m), of the residual if nothing is wrong.
-        excluded: (vehicles, n), thrusters that are believed dead and not suspected.
-    """
-
-    commanded: FloatArray
-    on_times: FloatArray
-    rate_change: FloatArray
-    duration: float
-    valid: BoolArray
-    effectiveness: FloatArray
-    residual: FloatArray
-    covariance: FloatArray
-    excluded: BoolArray
-
-
-class Scores(NamedTuple):
-    """What a test fills in for each vehicle; zeros to begin with.
-
-    Attributes:
-        statistic: (vehicles,), test statistic that is compared with the threshold.
-        thruster: (vehicles,), the likeliest one, from 1; 0 where the method cannot tell.
-        suspicion: (vehicles, n), test statistic of each thruster.
-        shortfall: (vehicles, n), s, on-time deficit of each if it is the faulty one.
-    """
-
-    statistic: FloatArray
-    thruster: IntArray
-    suspicion: FloatArray
-    shortfall: FloatArray
-
-    @classmethod
-    def of(cls, interval: Interval) -> Scores:
-        """Zeros for the vehicles and thrusters of an interval."""
-        shape = interval.on_times.shape
-        return cls(np.zeros(shape[0]), np.zeros(shape[0], np.int64), np.zeros(shape), np.zeros(shape))
 
 
 _REASON, _AXIS, _REFUSED = range(3)
@@ -181,6 +132,11 @@ class BaseDetector(ABC):
             coupling = 0.0 if coupling is None else coupling
             self._limits = Limits.none(m)
         self._unmodelled: FloatArray | None = None
+        #: Whether the model fits, where that is asked for.
+        loss = float(coupling) if isinstance(coupling, int | float) else 0.0
+        follows = settings.get("mismatch", False)
+        self.mismatch = MismatchMonitor(vehicles, n, loss) if follows else None
+        self._warned = False
         self._shares = thrust_shares(coupling, n)
         self._input_limits = np.concatenate([self._shares, self._limits.rate, self._limits.error])
         self._no_kinds, self._no_age = ("",) * vehicles, np.zeros(vehicles)
@@ -215,7 +171,7 @@ class BaseDetector(ABC):
         threshold = cls._closed_form(craft, rate, **arguments)
         if threshold is None:
             flown = calibrated_threshold(
-                lambda vehicles: cls(craft, 0.0, **(arguments | {"vehicles": vehicles})),
+                lambda vehicles: cls(craft, 0.0, **(arguments | {"vehicles": vehicles, "mismatch": False})),
                 RandomFlights(spacecraft=craft, intervals=_FLOWN, duration=period),
                 craft,
                 rate,
@@ -229,7 +185,7 @@ class BaseDetector(ABC):
     @classmethod
     def _own_noise(cls, spacecraft: Spacecraft) -> dict[str, Any]:
         """Settings of the filter for a vehicle."""
-        return {"noise": PhysicalNoise(spacecraft)}
+        return {"noise": PhysicalNoise(spacecraft), "mismatch": True}
 
     @classmethod
     def _closed_form(cls, _: Spacecraft, __: float, /, **___: Any) -> float | None:
@@ -250,6 +206,8 @@ class BaseDetector(ABC):
         self.time[mask] = 0.0
         if self._expectation is not None:
             self._expectation.reset(None if vehicles is None else mask)
+        if self.mismatch is not None:
+            self.mismatch.reset(mask)
         self._intake[_REFUSED:, mask] = 0
         self._intake[_REASON, mask] = TAKEN
         self._believed[mask] = self._nominal
@@ -311,7 +269,18 @@ class BaseDetector(ABC):
         if measured is None or duration is None:
             raise TypeError("update must have telemetry, or on_times, rate_change and duration")
         self.last = self._take_in(commanded, measured, duration, valid, age, turning)
+        if self.mismatch is not None:
+            self.mismatch.update(self.last)
+            self._warn(self.mismatch)
         return self._diagnose(self.last)
+
+    def _warn(self, mismatch: MismatchMonitor) -> None:
+        """Say once that the model does not fit, and which parameter."""
+        found = np.flatnonzero(mismatch.parameter >= 0)
+        if found.size and not self._warned:
+            self._warned = True
+            line = f"the model does not fit vehicle {found[0]}: {mismatch.line(int(found[0]))}"
+            warnings.warn(line, ModelMismatchWarning, stacklevel=3)
 
     @property
     def refused(self) -> dict[str, IntArray]:
@@ -436,7 +405,7 @@ class BaseDetector(ABC):
         kinds = self._kinds(detected) if np.count_nonzero(detected) else self._no_kinds
         return Verdict(
             detected, scores.thruster * detected, scores.statistic, self.time.copy(), scores.suspicion,
-            scores.shortfall, kinds,
+            scores.shortfall, kinds, () if self.mismatch is None else self.mismatch.names(),
         )  # fmt: skip
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
@@ -516,66 +485,3 @@ def _validate_input(
             there[v] = False
             refused[reason[v], v] += 1
     return wrong
-
-
-@njit(error_model="numpy", inline="always")
-def is_diagonal(covariance: FloatArray) -> bool:
-    """Whether a symmetric (m, m) has nothing off its diagonal."""
-    for k in range(covariance.shape[0]):
-        for other in range(k):
-            if covariance[k, other] != 0.0:
-                return False
-    return True
-
-
-@njit(error_model="numpy")
-def whiten(
-    covariance: FloatArray,
-    residual: FloatArray,
-    effectiveness: FloatArray,
-    root: FloatArray,
-    white_residual: FloatArray,
-    white_effectiveness: FloatArray,
-) -> None:
-    """Residual (m,) and columns (m, n) in coordinates in which the covariance (m, m) is the identity.
-
-    They are L^-1 e and L^-1 A with the Cholesky factor L, so that products of them are those with Y^-1.
-
-    Args:
-        covariance: (m, m), positive definite.
-        residual: (m,).
-        effectiveness: (m, n).
-        root: (m, m), written: L.
-        white_residual: (m,), written.
-        white_effectiveness: (m, n), written.
-    """
-    m, n = effectiveness.shape
-    if is_diagonal(covariance):
-        for k in range(m):
-            scale = 1.0 / math.sqrt(covariance[k, k])
-            for other in range(k):
-                root[k, other] = 0.0
-            root[k, k] = math.sqrt(covariance[k, k])
-            white_residual[k] = residual[k] * scale
-            for i in range(n):
-                white_effectiveness[k, i] = effectiveness[k, i] * scale
-        return
-    for k in range(m):
-        for other in range(k + 1):
-            total = covariance[k, other]
-            for s in range(other):
-                total -= root[k, s] * root[other, s]
-            root[k, other] = math.sqrt(total) if k == other else total / root[other, other]
-    for k in range(m):
-        scale = 1.0 / root[k, k]
-        white_residual[k] = residual[k]
-        for i in range(n):
-            white_effectiveness[k, i] = effectiveness[k, i]
-        for s in range(k):
-            factor = root[k, s]
-            white_residual[k] -= factor * white_residual[s]
-            for i in range(n):
-                white_effectiveness[k, i] -= factor * white_effectiveness[s, i]
-        white_residual[k] *= scale
-        for i in range(n):
-            white_effectiveness[k, i] *= scale

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft

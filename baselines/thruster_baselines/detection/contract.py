@@ -99,13 +99,18 @@ class Verdict(Diagnosis):
         shortfall: (vehicles, n), s, on-time deficit of each thruster if it is the faulty one; negative for
             thrust that was not commanded; zeros where the method has none.
         kind: (vehicles,), kind of fault as in `thruster_envs.faults`; empty where the method cannot tell.
+        mismatch: (vehicles,), the parameter of the model that does not fit
+            (`thruster_baselines.detection.mismatch`); empty for none, or where nobody looks.
     """
 
     kind: tuple[str, ...] = ()
+    mismatch: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.kind:
             object.__setattr__(self, "kind", ("",) * self.detected.size)
+        if not self.mismatch:
+            object.__setattr__(self, "mismatch", ("",) * self.detected.size)
 
     @property
     def thruster_statistics(self) -> FloatArray:

@@ -19,10 +19,10 @@ from typing import Any, Self, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, Scores
 from thruster_baselines.detection.calibration import rate_per_interval
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
+from thruster_baselines.detection.interval import Interval, Scores
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray

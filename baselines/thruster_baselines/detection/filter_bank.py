@@ -22,8 +22,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.estimation import Innovation
 from thruster_baselines.mapping.coupling import convert

@@ -26,10 +26,10 @@ from typing import Any, Self, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, Scores, whiten
 from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, FilterSettings
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads

@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
+from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.interval import Interval, whiten
 from thruster_baselines.detection.settings import FALSE_ALARMS, FilterSettings
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads

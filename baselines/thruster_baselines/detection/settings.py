@@ -35,6 +35,8 @@ class FilterSettings(TypedDict, total=False):
             spacecraft's, and none with a matrix.
         effective: Whether on-times are given as effective ones, with all taken off that valves and feed take;
             by default they are those commanded.
+        mismatch: Whether to follow how well the model fits, and to warn of a parameter that does not; no by
+            default, yes in `for_vehicle`.
         vehicles: Number of vehicles monitored; 1 by default.
     """
 
@@ -43,4 +45,5 @@ class FilterSettings(TypedDict, total=False):
     initial_covariance: ArrayLike | None
     coupling: Coupling | None
     effective: bool
+    mismatch: bool
     vehicles: int
