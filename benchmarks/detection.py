@@ -159,7 +159,7 @@ def orion_firings(count: int, seed: int = 0) -> Firings:
 
 def glr(form: str, vehicles: int = 1) -> GLRDetector:
     """Filter and likelihood ratio, with the noise that leads to that form."""
-    return GLRDetector(ORION, SOURCE_THRESHOLD, vehicles=vehicles, **FORMS[form].arguments)
+    return GLRDetector.yang2003(ORION, SOURCE_THRESHOLD, vehicles=vehicles, **FORMS[form].arguments)
 
 
 def _physical(count: int) -> dict[str, Any]:

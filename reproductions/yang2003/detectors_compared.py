@@ -55,7 +55,7 @@ DETECTORS: dict[str, Callable[[int], Detector]] = {
     "generic chi-squared": _with_sensors(detection.GenericChiSquared),
     "single chi-squared": _with_sensors(detection.SingleChiSquared),
     "set chi-squared": _with_sensors(detection.SetChiSquared),
-    "likelihood ratio, source's noise": lambda vehicles: detection.GLRDetector(
+    "likelihood ratio, source's noise": lambda vehicles: detection.GLRDetector.yang2003(
         ORION, SOURCE_THRESHOLD, vehicles=vehicles
     ),
     "likelihood ratio": _with_sensors(detection.GLRDetector),

@@ -197,7 +197,7 @@ class _Watch:
     """Detection, isolation and identification, once a second, with the source's noise and threshold."""
 
     def __init__(self, failures: tuple[Failure, ...]) -> None:
-        self._detector = GLRDetector(ORION, SOURCE_THRESHOLD, coupling=0.0)
+        self._detector = GLRDetector.yang2003(ORION, SOURCE_THRESHOLD, coupling=0.0)
         self._comparison = ModelComparison(ORION, losses=LOSSES, coupling=0.0)
         self._failing_for = {one.thruster: 0 for one in failures}  # seconds of firing that showed it
         self.believed = NOMINAL.copy()  # (m, n), m/s^2 then rad/s^2

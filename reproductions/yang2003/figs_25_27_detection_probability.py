@@ -44,7 +44,7 @@ _BATCH = 20_000
 
 def judge(commanded: FloatArray, change: FloatArray, duration: float) -> Diagnosis:
     """What a fresh likelihood ratio test with the source's noise and threshold says of each firing."""
-    return GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, vehicles=len(commanded)).update(
+    return GLRDetector.yang2003(EFFECTIVENESS, SOURCE_THRESHOLD, vehicles=len(commanded)).update(
         commanded, change, duration
     )
 

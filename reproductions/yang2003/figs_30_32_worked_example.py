@@ -30,7 +30,7 @@ LOSSES = (0.2, 0.4, 0.6, 0.8)
 
 
 def _detector(vehicles: int = 1) -> GLRDetector:
-    return GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, process_noise=0.0, vehicles=vehicles)
+    return GLRDetector.yang2003(EFFECTIVENESS, SOURCE_THRESHOLD, process_noise=0.0, vehicles=vehicles)
 
 
 @reproduces(
@@ -140,7 +140,7 @@ def isolation(effort: Effort) -> Finding:
     for time in (1.0, 0.5):
         for gate in (False, True):
             commanded = np.tile(time * FIRING, (count, 1))
-            detector = GLRDetector(
+            detector = GLRDetector.yang2003(
                 EFFECTIVENESS, SOURCE_THRESHOLD, sign_gate=gate, process_noise=0.0, vehicles=count
             )
             said = detector.update(commanded, measure(rng, np.tile(time * DELIVERED, (count, 1))), 1.0)

@@ -88,7 +88,7 @@ def _chain(name: str, flights: int, seed: int) -> tuple[IntArray, IntArray]:
     rng = np.random.default_rng(seed)
     rows, kept, sticks = np.arange(flights), FAULTS[name], name == "stuck on"
     thruster = rng.integers(1, THRUSTERS + 1, flights)
-    detector = GLRDetector(EFFECTIVENESS, SOURCE_THRESHOLD, vehicles=flights)
+    detector = GLRDetector.yang2003(EFFECTIVENESS, SOURCE_THRESHOLD, vehicles=flights)
     compare = ModelComparison(THRUSTERS, losses=(0.2, 0.4, 0.6, 0.8), openings=())
     believed = np.tile(EFFECTIVENESS, (flights, 1, 1))
     share = np.ones((flights, THRUSTERS))  # of its thrust, as believed

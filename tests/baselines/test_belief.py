@@ -59,7 +59,7 @@ def test_names_of_before_give_the_same():
 
 def test_detectors_are_told_of_a_belief_or_of_its_effectiveness():
     belief = ActuatorBelief.of_shares(np.where(STUCK, 0.5, SHARES))
-    by_belief, by_matrix = GLRDetector(ORION, 30.0), GLRDetector(ORION, 30.0)
+    by_belief, by_matrix = GLRDetector.yang2003(ORION, 30.0), GLRDetector.yang2003(ORION, 30.0)
     by_belief.believe(belief)
     by_matrix.believe(ORION.effectiveness() * belief.share)
     np.testing.assert_array_equal(by_belief.filter.effectiveness, by_matrix.filter.effectiveness)

@@ -29,7 +29,7 @@ ALONE = ORION.replace(feed=Feed(coupling=0.0))
 def likelihood_ratios(spacecraft=ALONE, **firing):
     """The largest likelihood ratio of each of 100,000 firings, with Y = 10 I."""
     firings = healthy_firings(spacecraft, 100_000, seed=55, differenced=False, **firing)
-    detector = GLRDetector(spacecraft, math.inf, process_noise=0.0, vehicles=100_000)
+    detector = GLRDetector.yang2003(spacecraft, math.inf, process_noise=0.0, vehicles=100_000)
     return detector.update(firings.on_times, firings.rate_change, firings.duration).statistic
 
 

@@ -168,3 +168,21 @@ def test_a_sight_of_this_moment_or_too_few_rows_are_refused():
         ChaserPilot(CHASER, 900, navigation_delay=0)
     with pytest.raises(ValueError, match="observation has 1 rows; 2 would be right"):
         ChaserPilot(CHASER, 900, vehicles=2)(np.zeros(45))
+
+
+def test_the_pilot_reads_its_environment():
+    env = gym.make("thruster_envs/MarsRendezvous-v1", inhibit=True, distance=8.0, navigation_delay=2)
+    pilot = ChaserPilot.of(env)
+    assert pilot.controller.distance == 8.0
+    assert pilot.controller.navigation_delay == 2
+    assert pilot.controller.steps == env.unwrapped.task.steps
+    with pytest.raises(
+        ValueError, match=r"must have inhibit=True, since the pilot closes .* got inhibit=False"
+    ):
+        ChaserPilot.of(gym.make("thruster_envs/MarsRendezvous-v1"))
+    with pytest.raises(
+        ValueError, match=r"distance must be that of the environment, 8\.0, or None, got 9\.0"
+    ):
+        ChaserPilot.of(env, distance=9.0)
+    with pytest.raises(ValueError, match="steps must be given with a spacecraft"):
+        ChaserPilot(CHASER)

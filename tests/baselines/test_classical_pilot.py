@@ -345,3 +345,45 @@ def test_without_a_measurement_navigation_predicts_and_knows_less():
     navigation.predict(np.zeros(12))
     assert navigation.position[0] == pytest.approx(10.5, abs=0.01)
     assert np.trace(navigation.covariance) > known
+
+
+# Read from the environment
+
+
+def test_the_pilot_reads_its_environment():
+    env = gym.make(ENVIRONMENT, start=(4.0, 0.0, 0.0), position_tolerance=0.1)
+    pilot, usual = ClassicalPilot.of(env), ClassicalPilot(ORION, STEPS)
+    assert pilot.steps == env.unwrapped.task.steps
+    assert pilot.spacecraft == env.unwrapped.task.vehicle
+    box = pilot.controller.settings, usual.controller.settings
+    assert box[0].position_tolerance == pytest.approx(box[1].position_tolerance * 0.1 / 2.0)
+    assert box[0].velocity_tolerance == box[1].velocity_tolerance
+    assert ClassicalPilot(gym.make(ENVIRONMENT)).controller.settings == usual.controller.settings
+
+
+def test_from_near_it_arrives_in_a_small_box():
+    """From 4 m, in a box of 0.1 m."""
+    start = {"start": (4.0, 0.0, 0.0), "position_tolerance": 0.1}
+    assert fly(ClassicalPilot.of(gym.make(ENVIRONMENT, **start)), VALIDATION[0], **start)["success"]
+
+
+def test_a_minimum_pulse_gives_no_false_suspicion():
+    """Commands below it open no valve, and the pilot neither gives nor expects them."""
+    craft = ORION.replace(
+        thrusters=tuple(dataclasses.replace(one, minimum_pulse=0.1) for one in ORION.thrusters)
+    )
+    env = gym.make(ENVIRONMENT, spacecraft=craft)
+    pilot = ClassicalPilot.of(env)
+    assert fly(pilot, VALIDATION[0], spacecraft=craft)["success"]
+    assert not [one for one in pilot.log if one.what in ("suspected", "named")]
+
+
+def test_wrong_combinations_say_what_to_set():
+    with pytest.raises(
+        ValueError, match=r"steps must be given with a spacecraft, got None; ClassicalPilot\.of"
+    ):
+        ClassicalPilot(ORION)
+    with pytest.raises(ValueError, match="environment must be one of OrionRendezvous, got FaultDiagnosis"):
+        ClassicalPilot.of(gym.make("thruster_envs/FaultDiagnosis-v1"))
+    with pytest.raises(ValueError, match="steps must be those of the environment, 571, or None, got 9"):
+        ClassicalPilot(gym.make(ENVIRONMENT), 9)

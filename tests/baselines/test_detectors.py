@@ -37,7 +37,7 @@ MAKERS = [
     lambda vehicles=1, **more: GenericChiSquared(ORION, 5.5e-5, vehicles=vehicles, **more),
     lambda vehicles=1, **more: SingleChiSquared(ORION, 5.5e-5, vehicles=vehicles, **more),
     lambda vehicles=1, **more: SetChiSquared(ORION, 5.5e-5, vehicles=vehicles, **more),
-    lambda vehicles=1, **more: GLRDetector(ORION, vehicles=vehicles, **more),
+    lambda vehicles=1, **more: GLRDetector.yang2003(ORION, vehicles=vehicles, **more),
     lambda vehicles=1, **more: WindowedGLR(
         ORION, 30.0, 3, noise=PhysicalNoise(ORION), vehicles=vehicles, **more
     ),
@@ -64,7 +64,7 @@ def healthy(count: int, seed: int, duration: float = 1.0, normal: bool = False):
 
 def test_likelihood_ratios_of_the_source():
     """Thruster 1 dead for a second, Y = 10 I: reference 10.3, worked out from Yang 2003, eq. 69."""
-    detector = GLRDetector(ORION, coupling=0.0, process_noise=0.0)
+    detector = GLRDetector.yang2003(ORION, coupling=0.0, process_noise=0.0)
     dead = FIRED * (np.arange(12) != 0)
     diagnosis = detector.update(FIRED, NOMINAL @ dead, 1.0)
     ratios = [
@@ -117,7 +117,7 @@ def test_the_shortest_firing_that_shows_a_loss_has_a_closed_form(lost):
     shortest = np.sqrt(5.5e-5 * 10.0) / (lost * norm)
     assert round(shortest * lost, 2) == 0.38
     for share, seen in ((0.999, False), (1.001, True)):
-        detector = GLRDetector(ORION, process_noise=0.0)
+        detector = GLRDetector.yang2003(ORION, process_noise=0.0)
         u = np.eye(12)[0] * shortest * share
         assert detector.update(u, NOMINAL @ u * (1.0 - lost), 5.0).detected[0] == seen
 
@@ -126,8 +126,8 @@ def test_the_sign_gate_leaves_out_who_cannot_have_done_it():
     u = np.zeros(12)
     u[0] = 1.0
     noisy = NOMINAL[:, 0] * 0.0 + 0.02 * NOMINAL[:, 9]  # looks a little like thrust of 10, its near-twin
-    open_door = GLRDetector(ORION, 0.0, process_noise=0.0)
-    gated = GLRDetector(ORION, 0.0, process_noise=0.0, sign_gate=True)
+    open_door = GLRDetector.yang2003(ORION, 0.0, process_noise=0.0)
+    gated = GLRDetector.yang2003(ORION, 0.0, process_noise=0.0, sign_gate=True)
     assert gated.update(u, noisy, 1.0).thruster[0] == 1
     suspicion = gated.update(np.zeros(12), -NOMINAL[:, 0], 1.0).suspicion[0]  # 1 was told nothing: not less
     assert suspicion[0] == 0.0
@@ -146,7 +146,7 @@ def test_the_gate_makes_isolation_of_a_dead_thruster_better():
     z = dead @ NOMINAL.T + 0.7e-3 * rng.normal(size=(vehicles, 6))
     right = [
         (
-            GLRDetector(ORION, coupling=0.0, process_noise=0.0, sign_gate=gate, vehicles=vehicles)
+            GLRDetector.yang2003(ORION, coupling=0.0, process_noise=0.0, sign_gate=gate, vehicles=vehicles)
             .update(u, z, 0.5)
             .thruster
             == 1
@@ -159,7 +159,7 @@ def test_the_gate_makes_isolation_of_a_dead_thruster_better():
 
 @pytest.mark.parametrize("dead", range(12))
 def test_a_thruster_believed_dead_is_not_suspected_and_not_expected(dead):
-    detector = GLRDetector(ORION, coupling=0.0)
+    detector = GLRDetector.yang2003(ORION, coupling=0.0)
     believed = NOMINAL.copy()
     believed[:, dead] = 0.0
     detector.believe(believed)
@@ -259,10 +259,10 @@ def test_a_vehicle_lives_through_the_same_alone_and_in_a_batch(make):
 def test_likelihood_ratios_of_vehicles_shared_among_threads_are_those_of_small_batches():
     count, some = PARALLEL_FROM + 88, 100
     u, z = healthy(count, 3)
-    whole = GLRDetector(ORION, vehicles=count).update(u, z, 1.0)
+    whole = GLRDetector.yang2003(ORION, vehicles=count).update(u, z, 1.0)
     for first in range(0, count, some):
         here = slice(first, first + some)
-        part = GLRDetector(ORION, vehicles=some).update(u[here], z[here], 1.0)
+        part = GLRDetector.yang2003(ORION, vehicles=some).update(u[here], z[here], 1.0)
         np.testing.assert_array_equal(part.suspicion, whole.suspicion[here])
         np.testing.assert_array_equal(part.shortfall, whole.shortfall[here])
     assert whole.statistic.min() > 0.0
@@ -292,7 +292,7 @@ def test_bad_measurements_are_refused_counted_by_name_and_teach_nothing(make):
 
 
 def test_the_last_refusal_is_told_in_one_line():
-    detector = GLRDetector(ORION, vehicles=5)
+    detector = GLRDetector.yang2003(ORION, vehicles=5)
     assert detector.last_refusal() == ""
     u, z = healthy(5, 7)
     z[0, 4], z[1, 0] = np.nan, 1.0
@@ -312,7 +312,7 @@ def test_the_last_refusal_is_told_in_one_line():
     assert detector.refused["late"].tolist() == [0, 0, 0, 1, 0]
     detector.update(u, 0.0 * z[2], 1.0)
     assert detector.last_refusal(3) == ""
-    planar = GLRDetector(np.ones((2, 4)))
+    planar = GLRDetector.yang2003(np.ones((2, 4)))
     planar.update(np.zeros(4), [0.0, np.nan], 1.0)
     assert planar.last_refusal() == (
         "the rate change of vehicle 0, axis 2, is nan; a finite number of its unit would be right"
@@ -364,17 +364,17 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
     ("call", "line"),
     [
         (lambda: GLRDetector(ORION, -1.0), "threshold is -1.0; a number of 0 or more would be right"),
-        (lambda: GLRDetector(ORION, np.nan), "threshold is nan"),
-        (lambda: GLRDetector(ORION, vehicles=0), "vehicles is 0"),
-        (lambda: GLRDetector(ORION, coupling=-0.1), "coupling is -0.1"),
+        (lambda: GLRDetector.yang2003(ORION, np.nan), "threshold is nan"),
+        (lambda: GLRDetector.yang2003(ORION, vehicles=0), "vehicles is 0"),
+        (lambda: GLRDetector.yang2003(ORION, coupling=-0.1), "coupling is -0.1"),
         (
-            lambda: GLRDetector(ORION).update(np.zeros(11), np.zeros(6), 1.0),
+            lambda: GLRDetector.yang2003(ORION).update(np.zeros(11), np.zeros(6), 1.0),
             r"on_times has the shape \(11,\)",
         ),
         (lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(5), 1.0), r"rate_change has the shape"),
-        (lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 0.0), "duration is 0.0"),
+        (lambda: GLRDetector.yang2003(ORION).update(np.zeros(12), np.zeros(6), 0.0), "duration is 0.0"),
         (
-            lambda: GLRDetector(ORION).update(-np.eye(12)[1], np.zeros(6), 1.0),
+            lambda: GLRDetector.yang2003(ORION).update(-np.eye(12)[1], np.zeros(6), 1.0),
             "on_times of vehicle 0, thruster 2 is -1.0; a number of s from 0 to the duration of 1 s would be",
         ),
         (
@@ -382,18 +382,18 @@ def test_the_loss_of_the_shared_feed_is_no_fault(make):
             "on_times of vehicle 0, thruster 5 is 20.0; a number of s from 0 to the duration of 5 s",
         ),
         (
-            lambda: GLRDetector(ORION).update(np.full(12, np.nan), np.zeros(6), 1.0),
+            lambda: GLRDetector.yang2003(ORION).update(np.full(12, np.nan), np.zeros(6), 1.0),
             "on_times of vehicle 0, thruster 1 is nan",
         ),
-        (lambda: GLRDetector(ORION).reset([0]), r"vehicles is an array of int64 .* a mask \(1,\)"),
+        (lambda: GLRDetector.yang2003(ORION).reset([0]), r"vehicles is an array of int64 .* a mask \(1,\)"),
         (lambda: GLRDetector(ORION).believe(np.zeros((6, 11))), r"effectiveness has the shape \(6, 11\)"),
-        (lambda: GLRDetector(ORION).believe(np.full((6, 12), np.inf)), "effectiveness has an entry"),
+        (lambda: GLRDetector.yang2003(ORION).believe(np.full((6, 12), np.inf)), "effectiveness has an entry"),
         (
-            lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, age=0.0),
+            lambda: GLRDetector.yang2003(ORION).update(np.zeros(12), np.zeros(6), 1.0, age=0.0),
             r"age has the shape \(\); \(1,\) would be right",
         ),
         (
-            lambda: GLRDetector(ORION).update(np.zeros(12), np.zeros(6), 1.0, valid=[True, True]),
+            lambda: GLRDetector.yang2003(ORION).update(np.zeros(12), np.zeros(6), 1.0, valid=[True, True]),
             r"valid has the shape \(2,\); \(1,\) would be right",
         ),
     ],

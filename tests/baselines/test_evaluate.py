@@ -350,7 +350,7 @@ def with_sensors(kind, **settings):
         (with_sensors(SingleChiSquared), 0.02, None),
         (with_sensors(SetChiSquared), 0.02, None),
         (glr(), 0.02, 0.8),
-        (lambda vehicles: GLRDetector(ORION, 0.0, vehicles=vehicles), 0.02, 0.8),
+        (lambda vehicles: GLRDetector.yang2003(ORION, 0.0, vehicles=vehicles), 0.02, 0.8),
         (with_sensors(GLRDetector, sign_gate=True), 0.02, 0.8),
         (with_sensors(WindowedGLR), 0.02, 0.8),
         (with_sensors(CUSUMDetector), 0.02, 0.8),

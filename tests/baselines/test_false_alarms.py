@@ -12,6 +12,7 @@ from thruster_baselines.detection.glr import SOURCE_THRESHOLD
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_baselines.statistics import clopper_pearson
+from thruster_envs.physics.nominal_firing import Expectation
 from thruster_envs.spacecraft import catalogue, load
 
 ORION = load("orion")
@@ -19,8 +20,8 @@ NOMINAL = ORION.effectiveness()
 BY_AXIS = [1.0] * 3 + [2.0] * 3
 
 DETECTORS = {
-    "ratio, source's noise": GLRDetector,
-    "ratio, nothing learned": lambda craft, **more: GLRDetector(craft, process_noise=0.0, **more),
+    "ratio, source's noise": GLRDetector.yang2003,
+    "ratio, nothing learned": lambda craft, **more: GLRDetector.yang2003(craft, process_noise=0.0, **more),
     "ratio, physical noise": lambda craft, **more: GLRDetector(craft, noise=PhysicalNoise(craft), **more),
     "ratio, physical noise, learning": lambda craft, **more: GLRDetector(
         craft, noise=PhysicalNoise(craft), process_noise=1e-9, **more
@@ -43,14 +44,14 @@ def healthy_flights(craft, vehicles, intervals, durations, seed, *, normal=False
     n, nominal = craft.number_of_thrusters, craft.effectiveness()
     bounds = np.array([one.scatter for one in craft.thrusters])
     sensors = np.repeat([craft.sensors.velocity, craft.sensors.rate], 3)
-    before = sensors * rng.normal(size=(vehicles, 6))
+    before, expectation = sensors * rng.normal(size=(vehicles, 6)), Expectation(craft, vehicles)
     for step in range(intervals):
         duration = durations[step % len(durations)]
         open_ones = rng.random((vehicles, n)) < rng.choice([0.1, 0.4, 1.0], (vehicles, 1))
         u = rng.uniform(0.0, duration, (vehicles, n)) * open_ones
         scatter = rng.normal(size=u.shape) / np.sqrt(3.0) if normal else rng.uniform(-1.0, 1.0, u.shape)
         after = sensors * rng.normal(size=(vehicles, 6))
-        delivered = delivered_on_times(u, craft.feed.coupling) * (1.0 + bounds * scatter)
+        delivered = expectation.update(u / duration, duration).on_times * (1.0 + bounds * scatter)
         yield u, delivered @ nominal.T + after - before + bias * sensors, duration
         before = after
 
@@ -89,15 +90,15 @@ def test_a_default_threshold_is_not_needlessly_high():
     """The rate of 1 % is kept, and not by far more, with sensors' errors and with scatter."""
     for craft, durations in (("msr_chaser", [1.0]), ("orion", [30.0])):
         vehicle = load(craft)
-        watch = GLRDetector(vehicle, false_alarms=0.01, vehicles=1000)
+        watch = GLRDetector.yang2003(vehicle, false_alarms=0.01, vehicles=1000)
         found, intervals = alarms(watch, healthy_flights(vehicle, 1000, 20, durations, 13, normal=True))
         assert clopper_pearson(found, intervals, 0.999)[1] > 0.001
 
 
 def test_the_sources_threshold_belongs_to_a_second():
     """At 5 s it is exceeded by several per cent of healthy intervals; by default there it is a larger one."""
-    fixed = GLRDetector(ORION, SOURCE_THRESHOLD, vehicles=500)
-    default = GLRDetector(ORION, vehicles=500)
+    fixed = GLRDetector.yang2003(ORION, SOURCE_THRESHOLD, vehicles=500)
+    default = GLRDetector.yang2003(ORION, vehicles=500)
     found = [0, 0]
     for interval in healthy_flights(ORION, 500, 50, [5.0], 14):
         found[0] += int(fixed.update(*interval).detected.sum())
@@ -114,7 +115,7 @@ def test_a_dead_thruster_is_still_found(craft, duration):
     """Fired alone for the whole interval, it gives nothing: on every vehicle that can measure that."""
     vehicle = load(craft)
     n = vehicle.number_of_thrusters
-    watch = GLRDetector(vehicle, vehicles=n)
+    watch = GLRDetector.yang2003(vehicle, vehicles=n)
     u = duration * np.eye(n)
     found = watch.update(u, np.zeros((n, 6)), duration)
     signs = np.linalg.norm(vehicle.effectiveness(), axis=0) * duration
@@ -131,12 +132,12 @@ def test_a_constant_bias_of_the_sensors_looks_like_a_fault(bias, share):
     found, intervals = alarms(watch, healthy_flights(ORION, 500, 40, [1.0], 15, bias=bias))
     low, high = clopper_pearson(found, intervals, 0.999)
     assert low <= share <= high
-    watch = GLRDetector(ORION, vehicles=500)
+    watch = GLRDetector.yang2003(ORION, vehicles=500)
     assert alarms(watch, healthy_flights(ORION, 500, 40, [1.0], 15, bias=bias))[0] == 0
 
 
 def test_a_missing_interval_does_not_change_what_is_learned_wrongly():
-    watch, other = (GLRDetector(ORION, vehicles=2) for _ in range(2))
+    watch, other = (GLRDetector.yang2003(ORION, vehicles=2) for _ in range(2))
     for step, (u, z, duration) in enumerate(healthy_flights(ORION, 2, 12, [5.0], 16)):
         if step == 6:
             watch.update(u, z, duration, valid=[False, True])
@@ -149,7 +150,7 @@ def test_a_missing_interval_does_not_change_what_is_learned_wrongly():
 
 
 def test_a_vehicle_has_the_limit_alone_that_it_has_in_a_batch():
-    together, alone = GLRDetector(ORION, vehicles=600), GLRDetector(ORION)
+    together, alone = GLRDetector.yang2003(ORION, vehicles=600), GLRDetector.yang2003(ORION)
     for u, z, duration in healthy_flights(ORION, 600, 5, [5.0, 0.2], 17):
         together.update(u, z, duration)
         alone.update(u[599], z[599], duration)
@@ -157,7 +158,7 @@ def test_a_vehicle_has_the_limit_alone_that_it_has_in_a_batch():
 
 
 def test_a_reset_and_a_new_belief_forget_what_was_learned_wrongly():
-    watch = GLRDetector(ORION, vehicles=2)
+    watch = GLRDetector.yang2003(ORION, vehicles=2)
     flights = list(healthy_flights(ORION, 2, 6, [5.0], 18))
     first = watch.update(*flights[0]) and watch.limit.copy()
     for interval in flights[1:]:
@@ -169,7 +170,7 @@ def test_a_reset_and_a_new_belief_forget_what_was_learned_wrongly():
 
 
 def test_a_threshold_that_is_set_is_the_threshold():
-    watch = GLRDetector(ORION)
+    watch = GLRDetector.yang2003(ORION)
     watch.threshold = 2e-4
     watch.update(np.full(12, 5.0), np.zeros(6), 5.0)
     assert watch.limit.tolist() == [2e-4]
@@ -178,7 +179,10 @@ def test_a_threshold_that_is_set_is_the_threshold():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: GLRDetector(ORION, false_alarms=0.0), "false_alarms must be above 0 and below 1, got 0.0"),
+        (
+            lambda: GLRDetector.yang2003(ORION, false_alarms=0.0),
+            "false_alarms must be above 0 and below 1, got 0.0",
+        ),
         (
             lambda: GLRDetector(ORION, noise=PhysicalNoise(ORION), false_alarms=1.5),
             "false_alarms is 1.5; a rate above 0 and below 1 would be right",
@@ -186,7 +190,7 @@ def test_a_threshold_that_is_set_is_the_threshold():
         (lambda: EstimatorThreshold(ORION, false_alarms=np.nan), "false_alarms must be above 0"),
         (lambda: GLRDetector(ORION, noise=BY_AXIS), "threshold must be given, got None: with a filter"),
         (
-            lambda: GLRDetector(NOMINAL).update(np.ones(12), np.zeros(6), 1.0),
+            lambda: GLRDetector.yang2003(NOMINAL).update(np.ones(12), np.zeros(6), 1.0),
             "threshold must be given, got None: an effectiveness matrix says nothing of sensors and scatter",
         ),
         (

@@ -20,7 +20,7 @@ FIRED = np.isin(np.arange(12), [0, 5, 9, 11]).astype(float)
 @pytest.mark.parametrize("period", [1.0, 5.0])
 def test_statistics_of_the_source(period):
     """Thruster 1 dead for a second, Y = 10 I: reference 10.4; in 5 s the source's stuck-on model."""
-    detector = GLRDetector(ORION, coupling=0.0, process_noise=0.0)
+    detector = GLRDetector.yang2003(ORION, coupling=0.0, process_noise=0.0)
     diagnosis = detector.update(FIRED, NOMINAL @ (FIRED * (np.arange(12) != 0)), period)
     comparison = ModelComparison(ORION, coupling=0.0)
     answer = comparison(detector.last, diagnosis.thruster)
@@ -56,7 +56,7 @@ def test_without_noise_every_model_finds_itself(thruster):
     measured = np.stack(
         [NOMINAL @ deliver(u, thruster, kind, severity, 5.0) for kind, severity in comparison.models]
     )
-    detector = GLRDetector(ORION, vehicles=count)
+    detector = GLRDetector.yang2003(ORION, vehicles=count)
     detector.update(np.repeat(u[np.newaxis], count, axis=0), measured, 5.0)
     answer = comparison(detector.last, np.full(count, thruster + 1))
     assert list(zip(answer.kind, answer.severity, strict=True)) == list(comparison.models)
@@ -66,7 +66,7 @@ def test_without_noise_every_model_finds_itself(thruster):
 
 def test_what_cannot_be_told_from_no_fault_is_left_out():
     comparison = ModelComparison(ORION)
-    detector = GLRDetector(ORION, vehicles=2)
+    detector = GLRDetector.yang2003(ORION, vehicles=2)
     u = np.zeros((2, 12))
     u[1, 0] = 1.0  # vehicle 0 does not fire thruster 1, vehicle 1 fires it all the time
     detector.update(u, np.zeros((2, 6)), 1.0)
@@ -77,7 +77,7 @@ def test_what_cannot_be_told_from_no_fault_is_left_out():
 
 
 def test_nobody_named_and_nothing_measured_is_no_fault():
-    detector = GLRDetector(ORION, vehicles=2)
+    detector = GLRDetector.yang2003(ORION, vehicles=2)
     detector.update(FIRED, np.zeros(6), 1.0, valid=[True, False])
     answer = ModelComparison(ORION)(detector.last, [0, 3])
     assert answer.kind == ("none", "none")
@@ -115,7 +115,7 @@ def test_the_severity_is_unbiased_and_as_uncertain_as_it_says(kind, true):
 
 
 def test_the_severity_is_cut_to_what_is_possible():
-    detector = GLRDetector(ORION, coupling=0.0)
+    detector = GLRDetector.yang2003(ORION, coupling=0.0)
     detector.update(FIRED, NOMINAL @ FIRED - 2.0 * NOMINAL[:, 0], 2.0)
     severity = least_squares_severity(detector.last, [1])
     assert severity.loss.tolist() == [1.0]
@@ -135,7 +135,7 @@ def test_a_level_that_cannot_be_is_refused(call, line):
 
 
 def test_a_thruster_that_does_not_exist_is_refused():
-    detector = GLRDetector(ORION)
+    detector = GLRDetector.yang2003(ORION)
     detector.update(FIRED, np.zeros(6), 1.0)
     for wrong in ([13], [-1], [1, 2]):
         with pytest.raises(ValueError, match=r"thruster is .*; 1 numbers from 0 to 12 would be right"):
@@ -143,7 +143,7 @@ def test_a_thruster_that_does_not_exist_is_refused():
         with pytest.raises(ValueError, match="1 numbers from 0 to 12"):
             least_squares_severity(detector.last, wrong)
     with pytest.raises(ValueError, match=r"interval is None; `BaseDetector\.last` after an update"):
-        ModelComparison(ORION)(GLRDetector(ORION).last, [1])
+        ModelComparison(ORION)(GLRDetector.yang2003(ORION).last, [1])
 
 
 @pytest.mark.parametrize("side", range(8))
@@ -166,7 +166,7 @@ def test_without_noise_a_tilted_thrust_is_told_by_its_angle(angle, side):
         delivered = delivered_on_times(u, ORION.feed.coupling)
         tilted = NOMINAL.copy()
         tilted[:, thruster] = np.concatenate([force / ORION.mass, torque])
-        detector = GLRDetector(ORION)
+        detector = GLRDetector.yang2003(ORION)
         detector.update(u, tilted @ delivered, 5.0)
         answer = comparison(detector.last, [thruster + 1])
         assert answer.kind == ("misalignment",)

@@ -17,7 +17,7 @@ once.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from thruster_baselines.control.chaser_state import (
     RecoveryPhase,
     RecoverySettings,
 )
+from thruster_baselines.control.observed import task_of
 from thruster_baselines.control.valve_allocation import ValveAllocation, authority_left
 from thruster_baselines.control.valve_probing import ProbeSettings, ValveProbing
 from thruster_baselines.detection import Telemetry, Verdict
@@ -58,7 +59,7 @@ class ChaserPilot:
 
     Args:
         spacecraft: As the flight software believes it: with isolation valves, and with or without a spare
-            branch.
+            branch; or the environment, from which vehicle, steps, distance and delay are read.
         steps: Control periods of an episode: `task.steps` of the unwrapped environment.
         detector: Made for as many vehicles as there are; None for a pilot that hears of faults by `tell`.
         vehicles: How many are flown.
@@ -86,17 +87,28 @@ class ChaserPilot:
 
     def __init__(
         self,
-        spacecraft: Spacecraft,
-        steps: int,
+        spacecraft: Spacecraft | Any,
+        steps: int | None = None,
         detector: BaseNavigationDetector | None = None,
         *,
-        vehicles: int = 1,
-        distance: float = 20.0,
-        navigation_delay: int = 1,
+        vehicles: int | None = None,
+        distance: float | None = None,
+        navigation_delay: int | None = None,
         approach: ApproachSettings | None = None,
         recovery: RecoverySettings | None = None,
         probe: ProbeSettings | None = None,
     ) -> None:
+        if hasattr(spacecraft, "unwrapped"):
+            spacecraft, steps, vehicles, distance, navigation_delay = _read_environment(
+                spacecraft, steps, vehicles, distance, navigation_delay
+            )
+        vehicles = 1 if vehicles is None else vehicles
+        distance = 20.0 if distance is None else distance
+        navigation_delay = 1 if navigation_delay is None else navigation_delay
+        if steps is None:
+            raise ValueError(
+                "steps must be given with a spacecraft, got None; ChaserPilot.of(environment) reads them"
+            )
         require(navigation_delay >= 1, "navigation_delay", navigation_delay, "a whole number of 1 or more")
         require(
             spacecraft.isolation_valves, "spacecraft: isolation_valves", spacecraft.isolation_valves, "True"
@@ -113,6 +125,8 @@ class ChaserPilot:
         self._nominal, self._wrenches = spacecraft.effectiveness(), spacecraft.wrenches()
         self._push = AXES.T @ self._wrenches[:3] / spacecraft.mass  # m/s^2, LVLH
         self._spare = spacecraft.spare_branch
+        minimum = np.array([one.minimum_pulse for one in spacecraft.thrusters])
+        self._least = (1.0 - 1.2e-7) * minimum / self._period  # in single precision
         self._allocation = ValveAllocation(self._wrenches)
         # Nearer than that nothing is waited for, m: without a branch to go over to, a retreat takes its time.
         self._hurry = self.recovery.near if self._spare else 2.0 * self.recovery.commitment
@@ -126,6 +140,20 @@ class ChaserPilot:
         idle = [np.zeros((vehicles, self._n))] * navigation_delay
         self._commands: deque[FloatArray] = deque(idle, navigation_delay)
         self.reset()
+
+    @classmethod
+    def of(cls, environment: Any, detector: BaseNavigationDetector | None = None, **settings: Any) -> Self:
+        """The pilot for an environment: its vehicle, steps, distance, delay and number of worlds.
+
+        Args:
+            environment: `MarsRendezvous-v1` with `inhibit=True`, single or vector, wrapped or not.
+            detector: For as many vehicles as there are worlds.
+            settings: Of the class.
+
+        Raises:
+            ValueError: Another environment, or one that this pilot cannot fly; the message says what to set.
+        """
+        return cls(environment, None, detector, **settings)
 
     @property
     def belief(self) -> ActuatorBelief:
@@ -308,7 +336,8 @@ class ChaserPilot:
         # Nothing is on its way to the valves at a start and after a change of branch.
         inside = self._reader(rows).within("velocity", "attitude_error", "rate_error").all(axis=1)
         valid = inside & ~state.fresh
-        told = np.where(state.fresh[:, np.newaxis], 0.0, state.expected.delivered(self._commands[0]))
+        commands = np.where(self._commands[0] >= self._least, self._commands[0], 0.0)
+        told = np.where(state.fresh[:, np.newaxis], 0.0, state.expected.delivered(commands))
         state.fresh &= early
         seen = Telemetry(
             self._period, duties=told, position=self.controller.position(rows), attitude=attitude, rate=rate,
@@ -584,6 +613,26 @@ class ChaserPilot:
     ) -> None:
         time = round(self._period * float(self.state.elapsed[vehicle]), 6)
         self.log.append(ChaserDecision(vehicle, time, what, thruster, reason, severity))
+
+
+def _read_environment(environment: Any, *given: Any) -> tuple[Any, ...]:
+    """Vehicle, steps, number of vehicles, distance and navigation delay; what was given has to agree."""
+    task = task_of(environment, "MarsRendezvous")
+    if not task.inhibit:
+        raise ValueError(
+            "environment must have inhibit=True, since the pilot closes isolation valves, got inhibit=False"
+        )
+    require(
+        task.navigation_delay >= 1, "navigation_delay of the environment", task.navigation_delay, "1 or more"
+    )
+    worlds = getattr(environment.unwrapped, "num_envs", 1)
+    own = task.steps, worlds, task.distance, task.navigation_delay
+    for name, value, its in zip(
+        ("steps", "vehicles", "distance", "navigation_delay"), given, own, strict=True
+    ):
+        if value is not None and value != its:
+            raise ValueError(f"{name} must be that of the environment, {its}, or None, got {value}")
+    return task.vehicle, *own
 
 
 def _is_turned(reader: Reader, rows: FloatArray, law: RecoverySettings | ProbeSettings) -> BoolArray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +32,7 @@ from thruster_baselines.control.classical_state import (
 )
 from thruster_baselines.control.fault_allocation import FaultAllocation
 from thruster_baselines.control.navigation import RelativeNavigation
-from thruster_baselines.control.observed import Measured, ObservationReader
+from thruster_baselines.control.observed import Measured, ObservationReader, task_of
 from thruster_baselines.control.quaternions import rotation_matrix, turned
 from thruster_baselines.control.rendezvous import RendezvousController, RendezvousSettings
 from thruster_baselines.detection.base import Interval
@@ -41,6 +42,7 @@ from thruster_baselines.detection.identification import ModelComparison
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.guidance.hcw import transition_matrix
 from thruster_baselines.mapping import AdditiveCompensationMapper, ExactCompensationMapper, LPMapper
+from thruster_envs.physics.nominal_firing import Expectation
 from thruster_envs.protocols import Diagnosis, FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -56,9 +58,10 @@ class ClassicalPilot:
     The first observation of an episode (all of the time still to go) resets it.
 
     Args:
-        spacecraft: What is flown, as the flight software believes it to be: description, name or path.
+        spacecraft: What is flown, as the flight software believes it to be: description, name or path; or
+            the environment, from which vehicle, steps and the box to arrive in are read.
         steps: Control periods of an episode: `task.steps` of the unwrapped environment.
-        settings: Of the controller; by default for the spacecraft's period.
+        settings: Of the controller; by default for the spacecraft's period and the environment's box.
         diagnosis: How to diagnose; None for not at all (the blind pilot, which plans anew all the same).
         compensation: The mapper that makes up for the coupling loss: exactly, or by method II.
 
@@ -90,17 +93,33 @@ class ClassicalPilot:
 
     def __init__(
         self,
-        spacecraft: Spacecraft | str | Path,
-        steps: int,
+        spacecraft: Spacecraft | str | Path | Any,
+        steps: int | None = None,
         *,
         settings: RendezvousSettings | None = None,
         diagnosis: DiagnosisSettings | None = _USUAL,
         compensation: type[ExactCompensationMapper]
         | type[AdditiveCompensationMapper] = ExactCompensationMapper,
     ) -> None:
-        spacecraft = load(spacecraft)
+        if hasattr(spacecraft, "unwrapped"):
+            task = task_of(spacecraft, "OrionRendezvous")
+            if steps is not None and steps != task.steps:
+                raise ValueError(
+                    f"steps must be those of the environment, {task.steps}, or None, got {steps}"
+                )
+            spacecraft, steps = task.vehicle, task.steps
+            usual = settings_for(
+                task.vehicle, task.position_tolerance, task.velocity_tolerance, task.attitude_tolerance
+            )
+        else:
+            spacecraft = load(spacecraft)
+            usual = settings_for(spacecraft)
+        if steps is None:
+            raise ValueError(
+                "steps must be given with a spacecraft, got None; ClassicalPilot.of(environment) reads them"
+            )
         self.spacecraft, self.steps = spacecraft, steps
-        settings = settings_for(spacecraft) if settings is None else settings
+        settings = usual if settings is None else settings
         self.controller = RendezvousController(spacecraft, steps, settings=settings)
         self.allocation = FaultAllocation(spacecraft, compensation, settings.rotation_priority)
         self._diagnosis = diagnosis
@@ -118,19 +137,35 @@ class ClassicalPilot:
             noise=self._noise,
             process_noise=np.square(how.drift * strongest),
             initial_covariance=np.square(how.initial_deviation * strongest),
-            coupling=0.0,  # it is given on-times with the loss taken off
+            effective=True,
         )
         self._plain_mapper = LPMapper(spacecraft)
         self._comparison = ModelComparison(spacecraft, coupling=0.0)
         self._reader = ObservationReader(spacecraft, steps)
+        self._expectation = Expectation(spacecraft)
         self.log: list[Decision] = []
         self.reset()
+
+    @classmethod
+    def of(cls, environment: Any, **settings: Any) -> Self:
+        """The pilot for an environment: its vehicle, its steps, and the box to arrive in.
+
+        Args:
+            environment: `OrionRendezvous-v1`, wrapped or not.
+            settings: Of the class.
+
+        Raises:
+            ValueError: Another environment.
+        """
+        return cls(environment, **settings)
 
     def reset(self) -> None:
         """Begin an episode: all thrusters are believed healthy, and the log is empty."""
         n = self.spacecraft.number_of_thrusters
         self.controller.reset()
         self.detector.reset()
+        self._expectation.reset()
+        self._mass_ratio = 1.0
         self.belief = ActuatorBelief.healthy(n)
         self.log = []
         self.statistics: list[float] = []
@@ -175,7 +210,12 @@ class ClassicalPilot:
         acting = self.allocation.acting(self._on_times, self.belief)
         if self._reader.step == 0:
             return acting
-        self._interval.add(self.allocation.delivered(self._on_times, self.belief), acting)
+        firing = self._expectation.update(np.minimum(acting / self.spacecraft.control_period, 1.0))
+        self._mass_ratio = float(firing.mass_ratio[0]) or 1.0
+        delivered = self.allocation.delivered(self._on_times, self.belief)
+        if self._expectation.carries:
+            delivered, acting = firing.on_times[0], firing.open_times[0]
+        self._interval.add(delivered, acting)
         if measured is None or self._diagnosis is None:
             return acting
         return self._test(measured, self._diagnosis, acting)
@@ -275,6 +315,7 @@ class ClassicalPilot:
             return acting
         duration = since.periods * self.spacecraft.control_period
         change, turn = self._rate_change(since.before, measured, duration)
+        change[:3] *= self._mass_ratio
         push = float(
             np.linalg.norm(self.allocation.nominal[:3], axis=0) @ self._interval.fired
         )  # m/s, all directions

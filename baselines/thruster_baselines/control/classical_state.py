@@ -34,6 +34,10 @@ Event = Literal[
 ]
 
 
+_USUAL_PERIOD = 5.0  # s, for which the controller's settings were tuned
+_USUAL_BOX = (2.0, 0.02, math.radians(5.0))  # m, m/s and rad, likewise
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """One entry of the pilot's log.
@@ -139,8 +143,20 @@ class DiagnosisSettings:
             raise ValueError(f"longest_gap is {self.longest_gap}; one or more would be right")
 
 
-def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:
-    """The controller's settings, whose periods are those of 5 s, for the spacecraft's own period."""
+def settings_for(
+    spacecraft: Spacecraft,
+    position_tolerance: float = _USUAL_BOX[0],
+    velocity_tolerance: float = _USUAL_BOX[1],
+    attitude_tolerance: float = _USUAL_BOX[2],
+) -> RendezvousSettings:
+    """The controller's settings, whose periods are those of 5 s, for the spacecraft's own period.
+
+    Args:
+        spacecraft: That is flown.
+        position_tolerance: Half-size of the box to arrive in, m.
+        velocity_tolerance: Likewise, m/s.
+        attitude_tolerance: Likewise, rad.
+    """
     usual = RendezvousSettings()
     scale = _USUAL_PERIOD / spacecraft.control_period
 
@@ -154,10 +170,13 @@ def settings_for(spacecraft: Spacecraft) -> RendezvousSettings:
         replan_burning=periods(usual.replan_burning),
         settling=periods(usual.settling),
         quiet=periods(usual.quiet),
+        position_tolerance=usual.position_tolerance * min(position_tolerance / _USUAL_BOX[0], 1.0),
+        velocity_tolerance=usual.velocity_tolerance * min(velocity_tolerance / _USUAL_BOX[1], 1.0),
+        dead_band=usual.dead_band * min(attitude_tolerance / _USUAL_BOX[2], 1.0),
+        final_dead_band=usual.final_dead_band * min(attitude_tolerance / _USUAL_BOX[2], 1.0),
     )
 
 
-_USUAL_PERIOD = 5.0  # s, for which the controller's settings were tuned
 _MOST_DETAILED = 60  # periods planned one by one, to keep plans of short periods small
 
 

@@ -30,6 +30,7 @@ from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["FaultAllocation", "ThrusterBelief"]
 
+_SINGLE = 1.2e-7  # by so large a share single precision may round a command down
 _AGREED = 2e-5  # of the period: so well is known what a stuck thruster delivers when on-times are taken
 _MOST_PROGRAMS = 20
 _HOLDING = 3  # open for a whole period, at a first guess
@@ -90,6 +91,7 @@ class FaultAllocation:
         self.spacecraft, self._compensation = spacecraft, compensation
         self.nominal = spacecraft.effectiveness()
         self._thrusters = self.nominal.shape[1]
+        self._minimum = np.array([one.minimum_pulse for one in spacecraft.thrusters])
         plain = LPMapper(spacecraft)
         self._slack_cost = plain.slack_cost * np.repeat([1.0, rotation_priority], 3)
         self._fuel_cost = plain.fuel_cost
@@ -100,8 +102,13 @@ class FaultAllocation:
         return belief.effectiveness(self.nominal)
 
     def acting(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
-        """(n,), s: for how long valves are open that were commanded to be open for `on_times` (n,)."""
-        return np.where(belief.stuck_on, self.spacecraft.control_period, np.asarray(on_times, np.float64))
+        """(n,), s: for how long valves are open that were commanded to be open for `on_times` (n,).
+
+        A command below the minimum pulse opens none.
+        """
+        told = np.asarray(on_times, np.float64)
+        opened = np.where(told >= self._minimum * (1.0 - _SINGLE), told, 0.0)
+        return np.where(belief.stuck_on, self.spacecraft.control_period, opened)
 
     def delivered(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """(n,), s: firing alone that would give the same as `on_times` (n,) give in company."""
@@ -119,7 +126,7 @@ class FaultAllocation:
         load = int(stuck.sum())
         mapper = self._mapper(load)
         if load == 0:
-            return mapper(wanted, effectiveness=effectiveness).on_times
+            return self._possible(mapper(wanted, effectiveness=effectiveness).on_times)
         period = self.spacecraft.control_period
         bounds = np.where(stuck, 0.0, period)
         others = np.where(stuck, 0.0, effectiveness)
@@ -133,7 +140,12 @@ class FaultAllocation:
             if float(np.abs(wrong).max()) <= _AGREED * period:
                 break
             constant += wrong * _RELAXATION
-        return on_times
+        return self._possible(on_times)
+
+    def _possible(self, on_times: FloatArray) -> FloatArray:
+        """On-times (n,), s, of which none is below a minimum pulse: rounded to it or to none."""
+        short = on_times < self._minimum
+        return np.where(short, np.where(on_times >= 0.5 * self._minimum, self._minimum, 0.0), on_times)
 
     def _mapper(self, load: int) -> ExactCompensationMapper | AdditiveCompensationMapper:
         """For so many valves stuck open, which take their part of the feed."""

@@ -10,6 +10,7 @@ far wider, and the rate follows from that and the one before.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,7 @@ from thruster_envs.observations import Reader, Reading
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft
 
-__all__ = ["Measured", "ObservationReader"]
+__all__ = ["Measured", "ObservationReader", "task_of"]
 
 _MOTION = ("position", "velocity", "attitude_error", "rate_error")
 _ROUNDING = 1e-6  # periods
@@ -40,6 +41,19 @@ class Measured:
     velocity: FloatArray
     attitude: FloatArray
     rate: FloatArray
+
+
+def task_of(environment: Any, name: str) -> Any:
+    """The task of an environment, wrapped or not.
+
+    Raises:
+        ValueError: An environment of another task; `name` is that of the class that is needed.
+    """
+    task = getattr(environment.unwrapped, "task", None)
+    if name not in (one.__name__ for one in type(task).__mro__):
+        got = type(environment.unwrapped if task is None else task).__name__
+        raise ValueError(f"environment must be one of {name}, got {got}")
+    return task
 
 
 class ObservationReader:

@@ -39,6 +39,7 @@ from thruster_baselines.detection.identification import (
     Severity,
     least_squares_severity,
 )
+from thruster_baselines.detection.mismatch import MismatchMonitor, ModelMismatchWarning
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
 from thruster_baselines.detection.response import ResponseTest
 from thruster_baselines.detection.settings import FilterSettings
@@ -67,7 +68,9 @@ __all__ = [
     "Identification",
     "Identifier",
     "Interval",
+    "MismatchMonitor",
     "ModelComparison",
+    "ModelMismatchWarning",
     "ObservedFiring",
     "PlayerDetector",
     "RandomFlights",

@@ -1,9 +1,11 @@
 """What detectors of rate changes share: input validation, the filter, the clock, and what a test is made of.
 
-The base takes the loss of the shared feed off the commanded on-times, refuses measurements that are late, NaN
-or beyond what this vehicle can do (counted by `thruster_baselines.estimation.REFUSALS`), and gets from a
-filter of the effectiveness (`EffectivenessFilter`) the residual and the covariance Y that it should have. A
-detector adds a statistic of these and isolates a thruster.
+The base expects of commanded on-times what the vehicle's valves and feed make of them
+(`thruster_envs.physics.nominal_firing.Expectation`), refuses measurements that are late, NaN or beyond what
+this vehicle can do (counted by `thruster_baselines.estimation.REFUSALS`), takes the turning of thrust off
+where rates are measured (`ThrustTurning`), and gets from a filter of the effectiveness
+(`EffectivenessFilter`) the residual and the covariance Y that it should have, which has a floor for what no
+model knows. A detector adds a statistic of these and isolates a thruster.
 
 The errors are `noise`: a number or one per axis (Yang 2003, chapter 6: R = 10, Q = 0.01, to which its
 thresholds belong; not the size of any error), or `PhysicalNoise(spacecraft)`: sensors and scatter as
@@ -16,85 +18,45 @@ wrong one (`thruster_baselines.estimation.MeasurementGate` checks navigation's o
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_baselines.belief import ActuatorBelief
+from thruster_baselines.detection.calibration import chi_squared_threshold, rate_per_interval
 from thruster_baselines.detection.checks import check_effectiveness, mask_of, rows_of
 from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
+from thruster_baselines.detection.flights import RandomFlights
+from thruster_baselines.detection.interval import Interval, Scores
+from thruster_baselines.detection.mismatch import MismatchMonitor, ModelMismatchWarning
+from thruster_baselines.detection.self_calibration import calibrated_threshold
 from thruster_baselines.detection.settings import (
+    FALSE_ALARMS,
     SOURCE_MEASUREMENT_NOISE,
     SOURCE_PROCESS_NOISE,
     FilterSettings,
 )
-from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, PhysicalNoise
+from thruster_baselines.estimation import REFUSALS, EffectivenessFilter, PhysicalNoise, ThrustTurning
 from thruster_baselines.estimation.effectiveness import Form
 from thruster_baselines.estimation.refusals import LATE, MISSING, ON_TIME, TAKEN, Limits, first_bad_axis
-from thruster_baselines.mapping.coupling import convert, thrust_shares
+from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.configuration import suggestion
 from thruster_envs.kernels import kernel
+from thruster_envs.physics.nominal_firing import Expectation
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["BaseDetector", "Interval"]
 
+_FLOWN = 120  # intervals of a flight that is simulated for a threshold
+_NOT_KEYS = ("noise", "vehicles", "mismatch")  # arguments on which a vehicle's threshold does not depend
+
 _ROUNDING = 1e-6  # of a duration, by which an on-time in single precision may exceed it
-
-
-class Interval(NamedTuple):
-    """One interval, as a detector sees it after the checks.
-
-    Kernels are called with a plain tuple of it, which takes half as long to enter one.
-
-    Attributes:
-        commanded: (vehicles, n), s, as they were told.
-        on_times: (vehicles, n), s, effective: the loss of the shared feed taken off.
-        rate_change: (vehicles, m), m/s then rad/s; may be anything where it is not valid.
-        duration: s.
-        valid: (vehicles,), where there is a measurement that counts.
-        effectiveness: (vehicles, m, n), believed before this measurement, m/s^2 then rad/s^2.
-        residual: (vehicles, m), measured minus expected; zero where not valid.
-        covariance: (vehicles, m, m), of the residual if nothing is wrong.
-        excluded: (vehicles, n), thrusters that are believed dead and not suspected.
-    """
-
-    commanded: FloatArray
-    on_times: FloatArray
-    rate_change: FloatArray
-    duration: float
-    valid: BoolArray
-    effectiveness: FloatArray
-    residual: FloatArray
-    covariance: FloatArray
-    excluded: BoolArray
-
-
-class Scores(NamedTuple):
-    """What a test fills in for each vehicle; zeros to begin with.
-
-    Attributes:
-        statistic: (vehicles,), test statistic that is compared with the threshold.
-        thruster: (vehicles,), the likeliest one, from 1; 0 where the method cannot tell.
-        suspicion: (vehicles, n), test statistic of each thruster.
-        shortfall: (vehicles, n), s, on-time deficit of each if it is the faulty one.
-    """
-
-    statistic: FloatArray
-    thruster: IntArray
-    suspicion: FloatArray
-    shortfall: FloatArray
-
-    @classmethod
-    def of(cls, interval: Interval) -> Scores:
-        """Zeros for the vehicles and thrusters of an interval."""
-        shape = interval.on_times.shape
-        return cls(np.zeros(shape[0]), np.zeros(shape[0], np.int64), np.zeros(shape), np.zeros(shape))
 
 
 _REASON, _AXIS, _REFUSED = range(3)
@@ -139,6 +101,7 @@ class BaseDetector(ABC):
         noise = settings.get("noise", SOURCE_MEASUREMENT_NOISE)
         process_noise, initial_covariance = settings.get("process_noise"), settings.get("initial_covariance")
         coupling, vehicles = settings.get("coupling"), settings.get("vehicles", 1)
+        effective = settings.get("effective", False)
         self._noise = noise if isinstance(noise, PhysicalNoise) else None
         if process_noise is None:
             process_noise = 0.0 if self._noise is not None else SOURCE_PROCESS_NOISE
@@ -154,16 +117,80 @@ class BaseDetector(ABC):
         self._vehicles = vehicles
         self._nominal = self.filter.effectiveness[0].copy()
         m, n = self._nominal.shape
+        self._expectation: Expectation | None = None
+        self._turning: ThrustTurning | None = None
+        if effective:
+            coupling = 0.0
         if isinstance(spacecraft, Spacecraft):
             coupling = spacecraft.feed.coupling if coupling is None else coupling
             self._limits = Limits.of(spacecraft)
+            self._turning = ThrustTurning(spacecraft)
+            expectation = _expectation_of(spacecraft, coupling, vehicles)
+            if not effective and (expectation.depletes or not expectation.follows):
+                self._expectation = expectation
         else:
             coupling = 0.0 if coupling is None else coupling
             self._limits = Limits.none(m)
+        self._unmodelled: FloatArray | None = None
+        #: Whether the model fits, where that is asked for.
+        loss = float(coupling) if isinstance(coupling, int | float) else 0.0
+        follows = settings.get("mismatch", False)
+        self.mismatch = MismatchMonitor(vehicles, n, loss) if follows else None
+        self._warned = False
         self._shares = thrust_shares(coupling, n)
         self._input_limits = np.concatenate([self._shares, self._limits.rate, self._limits.error])
         self._no_kinds, self._no_age = ("",) * vehicles, np.zeros(vehicles)
         self.reset()
+
+    @classmethod
+    def for_vehicle(
+        cls,
+        spacecraft: Spacecraft | str | Path,
+        false_alarms: float = FALSE_ALARMS,
+        duration: float | None = None,
+        **arguments: Any,
+    ) -> Self:
+        """A detector whose errors and threshold are those of a vehicle, at a rate of false alarms.
+
+        The threshold has a closed form where there is one; else healthy flights are simulated, once: it is
+        kept in the user's folder for caches (`self_calibration`).
+
+        Args:
+            spacecraft: Description, name or path.
+            false_alarms: How many there may be in a healthy flight of `duration`.
+            duration: s; by default one control period.
+            arguments: Of the class, but for the threshold.
+
+        Raises:
+            ValueError: A rate that cannot be, or a value that the class refuses.
+        """
+        craft = load(spacecraft) if isinstance(spacecraft, str | Path) else spacecraft
+        period = craft.control_period
+        rate = rate_per_interval(false_alarms, period if duration is None else duration, period)
+        arguments = cls._own_noise(craft) | arguments
+        threshold = cls._closed_form(craft, rate, **arguments)
+        if threshold is None:
+            flown = calibrated_threshold(
+                lambda vehicles: cls(craft, 0.0, **(arguments | {"vehicles": vehicles, "mismatch": False})),
+                RandomFlights(spacecraft=craft, intervals=_FLOWN, duration=period),
+                craft,
+                rate,
+                _FLOWN,
+                {"test": cls.__qualname__} | {k: v for k, v in arguments.items() if k not in _NOT_KEYS},
+            )
+            # Flights without errors show none of what no model knows, for which the covariance has a floor.
+            threshold = max(flown, chi_squared_threshold(rate))
+        return cls(craft, threshold, **arguments)
+
+    @classmethod
+    def _own_noise(cls, spacecraft: Spacecraft) -> dict[str, Any]:
+        """Settings of the filter for a vehicle."""
+        return {"noise": PhysicalNoise(spacecraft), "mismatch": True}
+
+    @classmethod
+    def _closed_form(cls, _: Spacecraft, __: float, /, **___: Any) -> float | None:
+        """The threshold for a vehicle and a rate per interval; None where healthy flights have to tell."""
+        return None
 
     def reset(self, vehicles: ArrayLike | None = None) -> None:
         """Begin anew with nominal thrusters, in the vehicles of a mask (vehicles,) or in all of them."""
@@ -177,6 +204,10 @@ class BaseDetector(ABC):
             self._dead: BoolArray = np.empty((self._vehicles, n), np.bool_)
             self.last: Interval | None = None
         self.time[mask] = 0.0
+        if self._expectation is not None:
+            self._expectation.reset(None if vehicles is None else mask)
+        if self.mismatch is not None:
+            self.mismatch.reset(mask)
         self._intake[_REFUSED:, mask] = 0
         self._intake[_REASON, mask] = TAKEN
         self._believed[mask] = self._nominal
@@ -221,6 +252,7 @@ class BaseDetector(ABC):
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,
+        turning: ArrayLike | None = None,
     ) -> Verdict:
         """Take in one interval: `Telemetry`, or arrays as in `thruster_envs.protocols.Detector`.
 
@@ -233,13 +265,24 @@ class BaseDetector(ABC):
             seen = on_times
             check_alone(rate_change=rate_change, duration=duration, valid=valid, age=age)
             commanded, measured = seen.need("on_times"), seen.need("rate_change")
-            duration, valid, age = seen.duration, seen.valid, seen.age
+            duration, valid, age, turning = seen.duration, seen.valid, seen.age, seen.turning
         else:
             commanded, measured = on_times, rate_change
         if measured is None or duration is None:
             raise TypeError("update must have telemetry, or on_times, rate_change and duration")
-        self.last = self._take_in(commanded, measured, duration, valid, age)
+        self.last = self._take_in(commanded, measured, duration, valid, age, turning)
+        if self.mismatch is not None:
+            self.mismatch.update(self.last)
+            self._warn(self.mismatch)
         return self._diagnose(self.last)
+
+    def _warn(self, mismatch: MismatchMonitor) -> None:
+        """Say once that the model does not fit, and which parameter."""
+        found = np.flatnonzero(mismatch.parameter >= 0)
+        if found.size and not self._warned:
+            self._warned = True
+            line = f"the model does not fit vehicle {found[0]}: {mismatch.line(int(found[0]))}"
+            warnings.warn(line, ModelMismatchWarning, stacklevel=3)
 
     @property
     def refused(self) -> dict[str, IntArray]:
@@ -288,6 +331,7 @@ class BaseDetector(ABC):
         duration: float,
         valid: ArrayLike | None,
         age: ArrayLike | None,
+        turning: ArrayLike | None,
     ) -> Interval:
         count, (m, n) = self._vehicles, self._nominal.shape
         commanded = self._whole(on_times, n, "on_times")
@@ -312,13 +356,44 @@ class BaseDetector(ABC):
                 f"a number of s from 0 to the duration of {duration:g} s would be right"
             )
         self._age = ages
+        opened = commanded
+        if self._expectation is not None:
+            firing = self._expectation.update(np.minimum(commanded / duration, 1.0), duration)
+            if not self._expectation.follows:
+                opened, effective = firing.open_times, firing.on_times
+            measured[:, :3] *= np.where(firing.mass_ratio > 0.0, firing.mass_ratio, 1.0)[:, np.newaxis]
+            self._unmodelled = _by_modulator(firing.deviation, self._nominal)
+        else:
+            self._unmodelled = None
+        self._take_turning_off(opened, effective, measured, duration, turning)
         before = self.filter.effectiveness.copy()
         noise = None if self._noise is None else self._noise.of_rows(effective)
+        if noise is not None and self._unmodelled is not None:
+            noise += self._unmodelled
         innovation = self.filter.advance(effective, measured, there, noise)
         return Interval(
-            commanded, effective, measured, float(duration), innovation.valid, before,
+            opened, effective, measured, float(duration), innovation.valid, before,
             innovation.residual, innovation.covariance, self._dead,
         )  # fmt: skip
+
+    def _take_turning_off(
+        self,
+        opened: FloatArray,
+        effective: FloatArray,
+        measured: FloatArray,
+        duration: float,
+        turning: ArrayLike | None,
+    ) -> None:
+        """Take the turning of thrust off `measured`, and add what is left of it to what has no model."""
+        if turning is None or self._turning is None:
+            return
+        rates = np.asarray(turning, np.float64)
+        if rates.shape != (self._vehicles, 2, 3):
+            raise ValueError(f"turning must have the shape ({self._vehicles}, 2, 3), got {rates.shape}")
+        rates = np.where(np.isfinite(rates).all(axis=(1, 2), keepdims=True), rates, 0.0)
+        off, unknown = self._turning(opened, effective, rates, duration)
+        measured[:, :3] -= off
+        self._unmodelled = unknown if self._unmodelled is None else self._unmodelled + unknown
 
     def _whole(self, given: ArrayLike, size: int, name: str) -> FloatArray:
         return rows_of(np.array(given, dtype=np.float64, order="C"), self._vehicles, size, name)
@@ -332,12 +407,40 @@ class BaseDetector(ABC):
         kinds = self._kinds(detected) if np.count_nonzero(detected) else self._no_kinds
         return Verdict(
             detected, scores.thruster * detected, scores.statistic, self.time.copy(), scores.suspicion,
-            scores.shortfall, kinds,
+            scores.shortfall, kinds, () if self.mismatch is None else self.mismatch.names(),
         )  # fmt: skip
 
     def _kinds(self, detected: BoolArray) -> tuple[str, ...]:  # noqa: ARG002 - most tests tell no kinds
         """Of each vehicle, the kind of fault where one is detected; nothing where it cannot be told."""
         return self._no_kinds
+
+
+def _expectation_of(spacecraft: Spacecraft, coupling: Coupling, vehicles: int) -> Expectation:
+    """What is expected of the valves of a vehicle.
+
+    Raises:
+        ValueError: A loss curve, for valves that do not just follow their commands.
+    """
+    linear = isinstance(coupling, int | float)
+    expectation = Expectation(
+        spacecraft,
+        vehicles,
+        coupling=max(0.0, min(float(coupling), 1.0)) if linear else 0.0,  # type: ignore[arg-type]
+    )
+    if not (linear or expectation.follows):
+        raise ValueError(
+            f"coupling must be one number for {spacecraft.name!r}, whose valves do not just follow"
+        )
+    return expectation
+
+
+def _by_modulator(deviation: FloatArray, effectiveness: FloatArray) -> FloatArray | None:
+    """(vehicles, m, m): of a rate change, by the modulator's delays; None where they are known."""
+    if not deviation.any():
+        return None
+    each = deviation[:, np.newaxis, :] * effectiveness  # (vehicles, m, n)
+    together = each.sum(axis=2)
+    return np.asarray(each @ each.transpose(0, 2, 1) + together[:, :, np.newaxis] * together[:, np.newaxis])
 
 
 @kernel(nogil=True)
@@ -384,66 +487,3 @@ def _validate_input(
             there[v] = False
             refused[reason[v], v] += 1
     return wrong
-
-
-@njit(error_model="numpy", inline="always")
-def is_diagonal(covariance: FloatArray) -> bool:
-    """Whether a symmetric (m, m) has nothing off its diagonal."""
-    for k in range(covariance.shape[0]):
-        for other in range(k):
-            if covariance[k, other] != 0.0:
-                return False
-    return True
-
-
-@njit(error_model="numpy")
-def whiten(
-    covariance: FloatArray,
-    residual: FloatArray,
-    effectiveness: FloatArray,
-    root: FloatArray,
-    white_residual: FloatArray,
-    white_effectiveness: FloatArray,
-) -> None:
-    """Residual (m,) and columns (m, n) in coordinates in which the covariance (m, m) is the identity.
-
-    They are L^-1 e and L^-1 A with the Cholesky factor L, so that products of them are those with Y^-1.
-
-    Args:
-        covariance: (m, m), positive definite.
-        residual: (m,).
-        effectiveness: (m, n).
-        root: (m, m), written: L.
-        white_residual: (m,), written.
-        white_effectiveness: (m, n), written.
-    """
-    m, n = effectiveness.shape
-    if is_diagonal(covariance):
-        for k in range(m):
-            scale = 1.0 / math.sqrt(covariance[k, k])
-            for other in range(k):
-                root[k, other] = 0.0
-            root[k, k] = math.sqrt(covariance[k, k])
-            white_residual[k] = residual[k] * scale
-            for i in range(n):
-                white_effectiveness[k, i] = effectiveness[k, i] * scale
-        return
-    for k in range(m):
-        for other in range(k + 1):
-            total = covariance[k, other]
-            for s in range(other):
-                total -= root[k, s] * root[other, s]
-            root[k, other] = math.sqrt(total) if k == other else total / root[other, other]
-    for k in range(m):
-        scale = 1.0 / root[k, k]
-        white_residual[k] = residual[k]
-        for i in range(n):
-            white_effectiveness[k, i] = effectiveness[k, i]
-        for s in range(k):
-            factor = root[k, s]
-            white_residual[k] -= factor * white_residual[s]
-            for i in range(n):
-                white_effectiveness[k, i] -= factor * white_effectiveness[s, i]
-        white_residual[k] *= scale
-        for i in range(n):
-            white_effectiveness[k, i] *= scale

@@ -25,6 +25,7 @@ from thruster_baselines.detection.flights import FlightSource, RecordedFlights
 from thruster_baselines.mapping.coupling import delivered_on_times
 from thruster_baselines.statistics import clopper_pearson
 from thruster_envs.extras import extra
+from thruster_envs.physics.nominal_firing import Expectation
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
@@ -398,8 +399,11 @@ def healthy_firings(
         raise ValueError(f"scatter is {scatter!r}; 'uniform' or 'normal' would be right")
     sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
     errors = math.sqrt(2.0 if differenced else 1.0) * sensors * rng.normal(size=(count, 6))
-    delivered = share * delivered_on_times(on_times, spacecraft.feed.coupling)
-    return Firings(on_times, delivered @ spacecraft.effectiveness().T + errors, float(duration))
+    delivered = delivered_on_times(on_times, spacecraft.feed.coupling)
+    expectation = Expectation(spacecraft, count)
+    if not expectation.follows:
+        delivered = expectation.update(np.minimum(on_times / duration, 1.0), duration).on_times
+    return Firings(on_times, (share * delivered) @ spacecraft.effectiveness().T + errors, float(duration))
 
 
 def _upper(successes: int, trials: int, confidence: float) -> float:

@@ -13,12 +13,17 @@ which way the residual points inside a set of axes, which is what the likelihood
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray
+from thruster_envs.spacecraft import Spacecraft
 
 __all__ = ["GenericChiSquared", "SetChiSquared", "SingleChiSquared"]
 
@@ -31,6 +36,11 @@ class GenericChiSquared(BaseDetector):
         threshold: Of the statistic, dimensionless.
         settings: Of the filter and of the feed; see `FilterSettings`.
     """
+
+    @classmethod
+    def _closed_form(cls, spacecraft: Spacecraft, rate: float, /, **_: Any) -> float | None:
+        """Chi-squared of as many degrees of freedom as there are axes."""
+        return chi_squared_threshold(rate, degrees=len(spacecraft.effectiveness()))
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
@@ -61,6 +71,11 @@ class SingleChiSquared(BaseDetector):
     """
 
     axes: FloatArray
+
+    @classmethod
+    def _closed_form(cls, spacecraft: Spacecraft, rate: float, /, **_: Any) -> float | None:
+        """Chi-squared, once for each axis."""
+        return chi_squared_threshold(rate, tests=len(spacecraft.effectiveness()))
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)

@@ -39,6 +39,8 @@ class Telemetry(NamedTuple):
             formation.
         rate: (vehicles, 3), rad/s, body axes, measured.
         target: (vehicles, 4), attitude that is asked for.
+        turning: (vehicles, 2, 3), rad/s, body axes: measured rate against LVLH at the start and at the end of
+            the period; with it the turning of thrust is taken off the rate change.
         valid: (vehicles,), where there is a measurement; everywhere by default.
         age: (vehicles,), s: how much older than the end of the period the measurement is; 0 by default.
         pulses: (vehicles, pairs): 1 where the first of a pair of opposite thrusters gave a pulse, -1 where
@@ -57,6 +59,7 @@ class Telemetry(NamedTuple):
     attitude: ArrayLike | None = None
     rate: ArrayLike | None = None
     target: ArrayLike | None = None
+    turning: ArrayLike | None = None
     valid: ArrayLike | None = None
     age: ArrayLike | None = None
     pulses: ArrayLike | None = None
@@ -107,13 +110,18 @@ class Verdict(Diagnosis):
         shortfall: (vehicles, n), s, on-time deficit of each thruster if it is the faulty one; negative for
             thrust that was not commanded; zeros where the method has none.
         kind: (vehicles,), kind of fault as in `thruster_envs.faults`; empty where the method cannot tell.
+        mismatch: (vehicles,), the parameter of the model that does not fit
+            (`thruster_baselines.detection.mismatch`); empty for none, or where nobody looks.
     """
 
     kind: tuple[str, ...] = ()
+    mismatch: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.kind:
             object.__setattr__(self, "kind", ("",) * self.detected.size)
+        if not self.mismatch:
+            object.__setattr__(self, "mismatch", ("",) * self.detected.size)
 
     @property
     def thruster_statistics(self) -> FloatArray:

@@ -14,14 +14,16 @@ Left out: how far the fault is from its design size when to alarm is decided (`W
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores
+from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import LOSS, evidence
 from thruster_envs.faults.distribution import DEFAULT_SEVERITY
@@ -71,6 +73,11 @@ class CUSUMDetector(BaseDetector):
                 raise ValueError(f"{name} is {size}; a share above 0 and up to 1 would be right")
         self._design = np.array([design_loss, design_excess])
         super().__init__(spacecraft, threshold, **settings)
+
+    @classmethod
+    def _closed_form(cls, spacecraft: Spacecraft, rate: float, /, **_: Any) -> float | None:
+        """From zero a sum reaches h with a chance of exp(-h); there are two of each thruster."""
+        return math.log(2.0 * spacecraft.number_of_thrusters / rate)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():

@@ -68,6 +68,21 @@ class ObservedFiring:
         reading = self._read(seen)
         return reading.duties * self.duration, reading.measured_change
 
+    def turning(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> FloatArray | None:
+        """(worlds, 2, 3), rad/s, body axes: rate against LVLH at the start and the end of a period.
+
+        Args:
+            before: (worlds, size), the observations at its start.
+            after: (worlds, size), at its end.
+
+        Returns:
+            None where an observation has no rate.
+        """
+        if "rate_error" not in self._read:
+            return None
+        rates = [self._read(np.asarray(one, np.float64)).rate_error for one in (before, after)]
+        return np.stack(rates, axis=1)
+
 
 def reader_with(environment: Any, *names: str) -> Reader:
     """The reader of an environment of this suite, whose observation has fields of these names.
@@ -182,8 +197,10 @@ class EnvironmentFlights:
         )  # fmt: skip
         read, n = ObservedFiring(env), task.vehicle.number_of_thrusters
         env.close()
-        seen = flown.padded("observation")[:, 1:]
+        observed = flown.padded("observation")
+        seen = observed[:, 1:]
         on_times, rate_change = read(seen.reshape(-1, seen.shape[-1]))
+        turning = read.turning(*(one.reshape(-1, seen.shape[-1]) for one in (observed[:, :-1], seen)))
         lost = np.logical_or.accumulate(flown.padded("terminated"), axis=1)
         return Flights(
             on_times=on_times.reshape(len(seeds), periods, n),
@@ -191,5 +208,6 @@ class EnvironmentFlights:
             valid=~np.pad(lost[:, :-1], ((0, 0), (1, 0))),
             duration=read.duration,
             **truth_of(faults_of(self.faults, n, seeds, faulty)),
+            turning=None if turning is None else turning.reshape(len(seeds), periods, 2, 3),
             observations=seen if self.observed else None,
         )

@@ -14,18 +14,19 @@ Left out: more thrust than expected, and thrust without command, which a shortfa
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, Scores
+from thruster_baselines.detection.calibration import rate_per_interval
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
+from thruster_baselines.detection.interval import Interval, Scores
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
-from thruster_envs.spacecraft import Spacecraft
+from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["SOURCE_LOST_SHARE", "EstimatorThreshold"]
 
@@ -74,6 +75,20 @@ class EstimatorThreshold(LimitedDetector):
                 "variance would be right"
             )
 
+    @classmethod
+    def for_vehicle(
+        cls,
+        spacecraft: Spacecraft | str | Path,
+        false_alarms: float = FALSE_ALARMS,
+        duration: float | None = None,
+        **arguments: Any,
+    ) -> Self:
+        """See `BaseDetector.for_vehicle`: the limit follows from interval to interval, as by default."""
+        craft = load(spacecraft) if isinstance(spacecraft, str | Path) else spacecraft
+        period = craft.control_period
+        rate = rate_per_interval(false_alarms, period if duration is None else duration, period)
+        return cls(craft, false_alarms=rate, **arguments)
+
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
         _lost_shares(self.filter.effectiveness, self._believed, tuple(interval), tuple(scores))
@@ -84,7 +99,9 @@ class EstimatorThreshold(LimitedDetector):
         scale = np.zeros((*largest.shape, largest.shape[1]))
         axes = np.arange(largest.shape[1])
         scale[:, axes, axes] = np.where(largest > 0.0, largest**2, 1.0)
-        return healthy.of_lost_share(interval.on_times, scale, self._believed, interval.valid)
+        return healthy.of_lost_share(
+            interval.on_times, scale, self._believed, interval.valid, self._unmodelled
+        )
 
 
 @kernel(nogil=True)

@@ -14,15 +14,17 @@ thruster that opens in part.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.estimation import Innovation
 from thruster_baselines.mapping.coupling import convert
@@ -81,6 +83,11 @@ class FilterBank(BaseDetector):
             raise ValueError(
                 f"floor is {floor}; below 1 / {hypotheses}, as there are so many hypotheses, would be right"
             )
+
+    @classmethod
+    def _closed_form(cls, _: Spacecraft, rate: float, /, **__: Any) -> float | None:
+        """The mean of likelihood ratios that never fall below one exceeds e^h in e^-h of all intervals."""
+        return -math.log(rate)
 
     def _begin(self, mask: BoolArray) -> None:
         super()._begin(mask)
@@ -158,6 +165,8 @@ class FilterBank(BaseDetector):
         )
         rows = delivered.reshape(count * each, n)
         noise = None if self._noise is None else self._noise.of_rows(rows)
+        if noise is not None and self._unmodelled is not None:
+            noise += np.repeat(self._unmodelled, each, axis=0)
         innovation = self._bank.advance(
             rows, np.repeat(interval.rate_change, each, axis=0), np.repeat(interval.valid, each), noise
         )

@@ -6,9 +6,10 @@ feed, through which partly open valves take their share, the scatter of each fir
 misalignment, sensor errors of each velocity, so that those of consecutive rate changes are correlated as they
 are in truth, and measurements that are missing, late or spoilt. A flight is a function of its seed alone.
 
-Left out: motion without thrust, gyroscopic coupling, valve delays and minimum pulses, which flights of the
-environments have. A fault is as severe all through an interval as it is in the middle of it, so onsets on the
-grid of intervals are exact.
+Valves are those of the description (`Expectation`). Left out: motion without thrust and gyroscopic coupling,
+which flights of the environments have, and propellant used; a fault acts as if all pulses began together. A
+fault is as severe all through an interval as it is in the middle of it, so onsets on the grid of intervals
+are exact.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from thruster_envs.faults import encoding as code
 from thruster_envs.faults.sampling import draw_faults
 from thruster_envs.kernels import kernel
 from thruster_envs.physics import health
+from thruster_envs.physics.nominal_firing import Expectation
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft
 
@@ -94,6 +96,7 @@ class Flights:
         kind: (flights,), a kind of `thruster_envs.faults.KINDS`, or `none`.
         severity: (flights,), as `thruster_envs.faults.Fault` has it; 0 in a healthy flight.
         onset: (flights,), s since the start; infinite in a healthy flight.
+        turning: (flights, intervals, 2, 3), as `Telemetry` has it; None where it is not measured.
         age: (flights, intervals), s: how much older than the end of the interval each measurement is, as
             `Detector.update` takes it; None for none of them.
         observations: (flights, intervals, size), what a player of the environment saw at the end of each
@@ -110,6 +113,7 @@ class Flights:
     severity: FloatArray
     onset: FloatArray
     age: FloatArray | None = None
+    turning: FloatArray | None = None
     observations: NDArray[np.float32] | None = None
 
     @property
@@ -119,7 +123,8 @@ class Flights:
 
     def telemetry(self, flights: slice, interval: int) -> Telemetry:
         """What a detector is given of one interval of some of them."""
-        return Telemetry(**self.step(flights, interval))
+        turning = None if self.turning is None else self.turning[flights, interval]
+        return Telemetry(**self.step(flights, interval), turning=turning)
 
     def step(self, flights: slice, interval: int) -> dict[str, Any]:
         """The arguments of `Detector.update` for one interval of some of them."""
@@ -220,8 +225,7 @@ class RandomFlights:
             errors[flight] = rng.normal(size=errors.shape[1:])
             badness[flight] = rng.random(badness.shape[1:])
         rows = faults_of(self.faults, n, seeds, faulty)
-        delivered = np.empty_like(on_times)
-        _deliver(on_times, rows, self.duration, craft.feed.coupling, delivered)
+        delivered = self._delivered(on_times, rows)
         sensors = np.repeat([craft.sensors.velocity, craft.sensors.rate], 3)
         rate_change = (share * delivered) @ craft.effectiveness().T + sensors * np.diff(errors, axis=1)
         valid, age = self._spoil(rate_change, badness)
@@ -233,6 +237,22 @@ class RandomFlights:
             **truth_of(rows),
             age=age,
         )
+
+    def _delivered(self, on_times: FloatArray, faults: FloatArray) -> FloatArray:
+        """Effective on-times (flights, intervals, n), s, with faults (flights, 13)."""
+        craft, delivered = self.spacecraft, np.empty_like(on_times)
+        coupling, expectation = craft.feed.coupling, Expectation(craft, len(on_times))
+        if expectation.follows:
+            _deliver(on_times, faults, self.duration, coupling, delivered)
+            return delivered
+        opened, nominal, healthy = np.empty((3, *on_times.shape))
+        for t in range(self.intervals):
+            firing = expectation.update(np.minimum(on_times[:, t] / self.duration, 1.0), self.duration)
+            opened[:, t], nominal[:, t] = firing.open_times, firing.on_times
+        opened = np.minimum(opened, self.duration)
+        _deliver(opened, faults, self.duration, coupling, delivered)
+        _deliver(opened, np.zeros_like(faults), self.duration, coupling, healthy)
+        return np.asarray(nominal + (delivered - healthy), np.float64)
 
     def _spoil(self, rate_change: FloatArray, badness: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Make some of them bad; returns where there is one at all, and how old each is."""

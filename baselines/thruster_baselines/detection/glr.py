@@ -6,11 +6,12 @@ lost or added nu_i seconds of firing (Yang 2003, eqs. 67-71; eq. 83 prints S_i w
     chi_i = a_i' Y^-1 e,   S_i = a_i' Y^-1 a_i,   nu_i = chi_i / S_i,   l_i = chi_i^2 / S_i.
 
 The thruster with the largest l_i is isolated if that exceeds the threshold: by default what healthy vehicles
-exceed at a stated rate, interval by interval (`healthy_limits`), never below the source's 5.5e-5, which
-belongs to its noise and to 1 s. The default knows of errors of zero mean only: with `PhysicalNoise` a bias of
-one standard deviation of Orion's sensors gives 0.04 % alarms and one of three 5.7 % (0.1 % and 19 % where
-nothing fires); with the source's noise neither gives any. l_i does not see the sign of nu_i, so that
-thrusters of like force and opposite torque (1 and 10 of Orion) are hardly told apart; `sign_gate` helps.
+exceed at a stated rate, interval by interval (`healthy_limits`). The source's noise and its threshold of
+5.5e-5, which belongs to Orion and to 1 s, are the preset `GLRDetector.yang2003`. The default knows of errors
+of zero mean only: with `PhysicalNoise` a bias of one standard deviation of Orion's sensors gives 0.04 %
+alarms and one of three 5.7 % (0.1 % and 19 % where nothing fires); with the source's noise neither gives any.
+l_i does not see the sign of nu_i, so that thrusters of like force and opposite torque (1 and 10 of Orion) are
+hardly told apart; `sign_gate` helps.
 
 Left out: faults that show over several intervals only (`WindowedGLR`), several new faults at once, faults
 that turn a thrust.
@@ -20,15 +21,15 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, Scores, whiten
 from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.contract import Verdict
 from thruster_baselines.detection.healthy_limits import FALSE_ALARMS, HealthyLimits, LimitedDetector
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_baselines.detection.settings import SOURCE_MEASUREMENT_NOISE, FilterSettings
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads
@@ -53,11 +54,12 @@ class GLRDetector(LimitedDetector):
         spacecraft: Description, name, path, or effectiveness matrix (m, n) in m/s^2 then rad/s^2.
         threshold: Of l, dimensionless; by default what healthy vehicles exceed at the rate `false_alarms`.
             With `PhysicalNoise` that is a quantile of chi-squared, and with the noise as one number it grows
-            with what fired (`limit`), from the source's 5.5e-5 for Orion, in proportion for other vehicles.
+            with what fired (`limit`).
         false_alarms: Rate per interval, if no threshold is given.
         sign_gate: Do not suspect a thruster of firing less than it was told if it was told nothing, nor of
             firing more if it was told to fire for the whole interval.
-        settings: Of the filter and of the feed; see `FilterSettings`.
+        settings: Of the filter and of the feed; see `FilterSettings`. The noise of a description is its own,
+            `PhysicalNoise`, by default; the source's is the preset `yang2003`.
 
     Attributes:
         limit: (vehicles,), what l had to exceed in the last interval.
@@ -87,12 +89,38 @@ class GLRDetector(LimitedDetector):
         self.sign_gate = sign_gate
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
+        if isinstance(spacecraft, Spacecraft):
+            settings.setdefault("noise", PhysicalNoise(spacecraft))
         noise = settings.get("noise", SOURCE_MEASUREMENT_NOISE)
         if threshold is None and isinstance(noise, PhysicalNoise):
             threshold = chi_squared_threshold(false_alarms, tests=noise.effectiveness.shape[1])
         super().__init__(
             spacecraft, threshold, _least(spacecraft, noise), false_alarms=false_alarms, **settings
         )  # fmt: skip
+
+    @classmethod
+    def yang2003(
+        cls,
+        spacecraft: Spacecraft | str | Path | ArrayLike = "orion",
+        threshold: float | None = None,
+        **arguments: Any,
+    ) -> Self:
+        """The test of the source: R = 10 on all axes, Q = 0.01 and, unless another is given, its threshold.
+
+        Without a threshold it grows with what fired from the source's 5.5e-5 for Orion on (`limit`), and in
+        proportion for other vehicles.
+
+        Args:
+            spacecraft: As of the class.
+            threshold: Of l, dimensionless; `SOURCE_THRESHOLD` is the source's for intervals of 1 s.
+            arguments: Of the class.
+        """
+        return cls(spacecraft, threshold, **({"noise": SOURCE_MEASUREMENT_NOISE} | arguments))
+
+    @classmethod
+    def _closed_form(cls, spacecraft: Spacecraft, rate: float, /, **_: Any) -> float | None:
+        """Chi-squared, once for each thruster."""
+        return chi_squared_threshold(rate, tests=spacecraft.number_of_thrusters)
 
     def _diagnose(self, interval: Interval) -> Verdict:
         scores = Scores.of(interval)
@@ -101,8 +129,9 @@ class GLRDetector(LimitedDetector):
 
     def _healthy_limit(self, healthy: HealthyLimits, interval: Interval) -> FloatArray:
         return healthy.of_ratio(
-            interval.on_times, interval.covariance, interval.effectiveness, interval.valid, self.threshold
-        )
+            interval.on_times, interval.covariance, interval.effectiveness, interval.valid, self.threshold,
+            self._unmodelled,
+        )  # fmt: skip
 
 
 def _least(spacecraft: Spacecraft | ArrayLike, noise: PhysicalNoise | ArrayLike) -> float:

@@ -19,8 +19,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, whiten
-from thruster_baselines.detection.settings import FilterSettings
+from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.interval import Interval, whiten
+from thruster_baselines.detection.settings import FALSE_ALARMS, FilterSettings
 from thruster_baselines.estimation import EffectivenessFilter, PhysicalNoise
 from thruster_baselines.mapping.simplex import in_threads
 from thruster_envs.kernels import kernel
@@ -28,9 +29,6 @@ from thruster_envs.protocols import BoolArray, FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
 __all__ = ["FALSE_ALARMS", "HealthyLimits", "LimitedDetector"]
-
-FALSE_ALARMS = 1e-4
-"""False alarms per interval that a default threshold allows, unless another rate is stated."""
 
 
 class HealthyLimits:
@@ -82,6 +80,7 @@ class HealthyLimits:
         effectiveness: FloatArray,
         valid: BoolArray,
         least: float,
+        more: FloatArray | None = None,
     ) -> FloatArray:
         """(vehicles,): the limit of the largest (a' Y^-1 e)^2 / (a' Y^-1 a) over thrusters.
 
@@ -93,15 +92,21 @@ class HealthyLimits:
             effectiveness: (vehicles, m, n), whose columns are a; those of zeros do not count.
             valid: (vehicles,), whether there was a measurement.
             least: Limits below this need not be exact.
+            more: (vehicles, m, m), covariance of what no model knows; by default none.
         """
         limit = np.zeros(len(on_times))
         self._follow(
-            on_times, covariance, effectiveness, valid, limit, np.zeros(on_times.shape), least, False
+            on_times, covariance, effectiveness, valid, limit, np.zeros(on_times.shape), least, False, more
         )
         return limit
 
     def of_lost_share(
-        self, on_times: FloatArray, scale: FloatArray, effectiveness: FloatArray, valid: BoolArray
+        self,
+        on_times: FloatArray,
+        scale: FloatArray,
+        effectiveness: FloatArray,
+        valid: BoolArray,
+        more: FloatArray | None = None,
     ) -> FloatArray:
         """(vehicles,): the limit of the largest share that the estimate of a thruster has lost.
 
@@ -112,19 +117,23 @@ class HealthyLimits:
             scale: (vehicles, m, m), diagonal: the squares of the units in which columns are compared.
             effectiveness: (vehicles, m, n), believed; columns of zeros do not count.
             valid: (vehicles,), whether there was a measurement.
+            more: (vehicles, m, m), covariance of what no model knows; by default none.
         """
-        deviation = np.zeros(on_times.shape)
-        self._follow(on_times, scale, effectiveness, valid, np.zeros(len(on_times)), deviation, 0.0, True)
-        limit: FloatArray = self._one_of_all * deviation.max(axis=1)
-        return limit
+        deviation, limit = np.zeros(on_times.shape), np.zeros(len(on_times))
+        self._follow(on_times, scale, effectiveness, valid, limit, deviation, 0.0, True, more)
+        return np.asarray(self._one_of_all * deviation.max(axis=1))
 
     def _follow(
         self, on_times: FloatArray, metric: FloatArray, effectiveness: FloatArray, valid: BoolArray,
-        limit: FloatArray, deviation: FloatArray, least: float, shares: bool,
+        limit: FloatArray, deviation: FloatArray, least: float, shares: bool, more: FloatArray | None,
     ) -> None:  # fmt: skip
         covariance, variance = self._filter.shared_covariance()
         noise = self._noise
-        test = on_times, metric, effectiveness, valid, self._rate, self._one, least, shares
+        extra = np.zeros((len(on_times), noise.sensors.size))
+        if more is not None:  # on each axis as much as the largest in any direction
+            extra[:, :3] = np.trace(more[:, :3, :3], axis1=1, axis2=2)[:, np.newaxis]
+            extra[:, 3:] = np.trace(more[:, 3:, 3:], axis1=1, axis2=2)[:, np.newaxis]
+        test = on_times, metric, effectiveness, valid, self._rate, self._one, least, shares, extra
         errors = noise.sensors, noise.effectiveness, noise.scatter, covariance, variance
         work = partial(_propagate, test, errors, self._wrong, self._gain, limit, deviation)
         in_threads(work, len(on_times))
@@ -141,6 +150,7 @@ class _Test(NamedTuple):
     quantile: float
     least: float
     shares: bool
+    more: FloatArray
 
 
 class _Errors(NamedTuple):
@@ -246,7 +256,7 @@ def _propagate(
     last: int,
 ) -> None:
     """Limits of the ratio (vehicles,), deviations of the shares (vehicles, n); `wrong` and `gain` go on."""
-    on_times, metric, effectiveness, valid, rate, quantile, least, shares = test
+    on_times, metric, effectiveness, valid, rate, quantile, least, shares, more = test
     sensors, columns, scatter, covariance, noise = errors
     m, n = columns.shape
     learns = covariance.shape[0] > 0
@@ -293,7 +303,7 @@ def _propagate(
                     d[axis] -= root[other, axis] * d[other]
                 d[axis] /= root[axis, axis]
                 length += d[axis] ** 2
-                by_sensors += d[axis] ** 2 * sensors[axis]
+                by_sensors += d[axis] ** 2 * (sensors[axis] + more[v, axis])
                 if d[axis] != 0.0:
                     for j in range(n):
                         along[j] += d[axis] * columns[axis, j]

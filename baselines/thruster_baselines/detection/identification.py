@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import Interval, whiten
+from thruster_baselines.detection.interval import Interval, whiten
 from thruster_baselines.mapping.coupling import Coupling, convert, thrust_shares
 from thruster_envs.faults import encoding as code
 from thruster_envs.faults.kinds import CODES

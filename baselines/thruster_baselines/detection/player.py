@@ -24,9 +24,7 @@ from thruster_baselines.detection.base import BaseDetector
 from thruster_baselines.detection.contract import Telemetry, Verdict, check_alone
 from thruster_baselines.detection.cusum import CUSUMDetector
 from thruster_baselines.detection.environment_flights import ObservedFiring, reader_with
-from thruster_baselines.detection.healthy_limits import FALSE_ALARMS
 from thruster_baselines.detection.identification import ModelComparison
-from thruster_baselines.estimation import PhysicalNoise
 from thruster_envs.faults import mode_of
 from thruster_envs.protocols import FloatArray, IntArray
 from thruster_envs.spacecraft import Spacecraft, load
@@ -50,8 +48,7 @@ class DetectorPlayer:
             environment, whose observation goes in as `observation[np.newaxis]`.
 
     Raises:
-        ValueError: An environment that is no diagnosis task; no detector for a spacecraft whose sensors have
-            no errors.
+        ValueError: An environment that is no diagnosis task.
 
     >>> import gymnasium as gym
     >>> import thruster_envs
@@ -92,6 +89,7 @@ class DetectorPlayer:
         self._sums: FloatArray = np.zeros((worlds, n, len(kinds)))
         self._alarmed = np.zeros(worlds, np.bool_)
         self._calls: IntArray = np.zeros(worlds, np.int64)
+        self._before: NDArray[np.float32] | None = None
 
     def __call__(self, observations: NDArray[np.float32]) -> IntArray:
         """Actions (worlds, entries): thruster, mode, and where there are tests the pulse of each thruster.
@@ -104,7 +102,11 @@ class DetectorPlayer:
         """
         on_times, rate_change = self._read(observations)
         begins = self._reader(observations).time[:, 0] == 0.0
-        diagnosis = self.detector.update(on_times, rate_change, self._read.duration, valid=~begins)
+        turning = self._read.turning(observations if self._before is None else self._before, observations)
+        self._before = np.array(observations)
+        diagnosis = self.detector.update(
+            on_times, rate_change, self._read.duration, valid=~begins, turning=turning
+        )
         self._alarmed |= diagnosis.detected
         self._add_up()
         if begins.any():
@@ -248,16 +250,10 @@ exceeded in fewer than one of 10,000 periods. For other vehicles the same rate h
 
 
 def _sums(spacecraft: Spacecraft, worlds: int) -> BaseDetector:
-    sensors = spacecraft.sensors
-    if not (sensors.velocity > 0.0 and sensors.rate > 0.0):
-        raise ValueError(
-            f"make must be given for {spacecraft.name}, got None: its sensors have no errors, so that "
-            "all that is left out of the model would be an alarm"
-        )
-    threshold = _THRESHOLD
-    if spacecraft != load("orion"):  # a sum begins anew from zero, and reaches h with a chance of exp(-h)
-        threshold = math.log(2.0 * spacecraft.number_of_thrusters / FALSE_ALARMS)
-    return CUSUMDetector(spacecraft, threshold, noise=PhysicalNoise(spacecraft), vehicles=worlds)
+    detector = CUSUMDetector.for_vehicle(spacecraft, vehicles=worlds)
+    if spacecraft == load("orion"):
+        detector.threshold = _THRESHOLD
+    return detector
 
 
 def _models(spacecraft: Spacecraft) -> ModelComparison:

@@ -9,7 +9,10 @@ from numpy.typing import ArrayLike
 from thruster_baselines.estimation import PhysicalNoise
 from thruster_baselines.mapping.coupling import Coupling
 
-__all__ = ["SOURCE_MEASUREMENT_NOISE", "SOURCE_PROCESS_NOISE", "FilterSettings"]
+__all__ = ["FALSE_ALARMS", "SOURCE_MEASUREMENT_NOISE", "SOURCE_PROCESS_NOISE", "FilterSettings"]
+
+FALSE_ALARMS = 1e-4
+"""False alarms per interval that a default threshold allows, unless another rate is stated."""
 
 SOURCE_PROCESS_NOISE = 0.01
 """Variance that each entry of the effectiveness gains per update (Yang 2003, chapter 6)."""
@@ -30,6 +33,10 @@ class FilterSettings(TypedDict, total=False):
             noise.
         coupling: Share of thrust lost per further thruster open, or a loss curve; by default the
             spacecraft's, and none with a matrix.
+        effective: Whether on-times are given as effective ones, with all taken off that valves and feed take;
+            by default they are those commanded.
+        mismatch: Whether to follow how well the model fits, and to warn of a parameter that does not; no by
+            default, yes in `for_vehicle`.
         vehicles: Number of vehicles monitored; 1 by default.
     """
 
@@ -37,4 +44,6 @@ class FilterSettings(TypedDict, total=False):
     process_noise: ArrayLike | None
     initial_covariance: ArrayLike | None
     coupling: Coupling | None
+    effective: bool
+    mismatch: bool
     vehicles: int

@@ -13,14 +13,16 @@ changes share a velocity measurement.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from thruster_baselines.detection.base import BaseDetector, Interval, Scores, whiten
+from thruster_baselines.detection.base import BaseDetector
+from thruster_baselines.detection.calibration import chi_squared_threshold
 from thruster_baselines.detection.contract import Verdict
+from thruster_baselines.detection.interval import Interval, Scores, whiten
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_envs.kernels import kernel
 from thruster_envs.protocols import BoolArray, FloatArray, IntArray
@@ -29,6 +31,8 @@ from thruster_envs.spacecraft import Spacecraft
 __all__ = ["EXCESS", "LOSS", "WindowedGLR", "evidence"]
 
 LOSS, EXCESS = 0, 1
+
+_WINDOW = 10
 
 
 class WindowedGLR(BaseDetector):
@@ -63,13 +67,20 @@ class WindowedGLR(BaseDetector):
         self,
         spacecraft: Spacecraft | str | Path | ArrayLike,
         threshold: float,
-        window: int = 10,
+        window: int = _WINDOW,
         **settings: Unpack[FilterSettings],
     ) -> None:
         if window < 1:
             raise ValueError(f"window is {window}; one interval or more would be right")
         self.window = window
         super().__init__(spacecraft, threshold, **settings)
+
+    @classmethod
+    def _closed_form(
+        cls, spacecraft: Spacecraft, rate: float, /, window: int = _WINDOW, **_: Any
+    ) -> float | None:
+        """Chi-squared, once for each thruster and onset, of which half are losses and half are gains."""
+        return chi_squared_threshold(rate, tests=spacecraft.number_of_thrusters * window)
 
     def _forget(self, mask: BoolArray) -> None:
         if mask.all():

@@ -6,6 +6,7 @@ from thruster_baselines.estimation.measurement_gate import MeasuredInterval, Mea
 from thruster_baselines.estimation.noise import PhysicalNoise
 from thruster_baselines.estimation.rate_change import thrust_rate_change
 from thruster_baselines.estimation.refusals import REFUSALS
+from thruster_baselines.estimation.turning import ThrustTurning
 
 __all__ = [
     "REFUSALS",
@@ -16,5 +17,6 @@ __all__ = [
     "MeasurementGate",
     "PhysicalNoise",
     "SweepEstimate",
+    "ThrustTurning",
     "thrust_rate_change",
 ]

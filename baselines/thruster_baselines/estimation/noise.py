@@ -24,7 +24,10 @@ from thruster_envs.kernels import kernel
 from thruster_envs.protocols import FloatArray
 from thruster_envs.spacecraft import Spacecraft, load
 
-__all__ = ["PhysicalNoise"]
+__all__ = ["LEAST_SCATTER", "PhysicalNoise"]
+
+LEAST_SCATTER = 0.002
+"""Standard deviation of a thrust from firing to firing, as a share: no thrust is known better."""
 
 
 class PhysicalNoise:
@@ -32,7 +35,8 @@ class PhysicalNoise:
 
     Args:
         spacecraft: Description, name or path. A sensor without error counts as one with a millionth of what
-            the thrusters do in a second on its axis, so that the covariance can be inverted.
+            the thrusters do in a second or a control period on its axis, about the rounding of an observation
+            in single precision; a thruster that does not scatter, as one that does by `LEAST_SCATTER`.
 
     Attributes:
         effectiveness: (m, n), m/s^2 then rad/s^2.
@@ -48,10 +52,12 @@ class PhysicalNoise:
         if isinstance(spacecraft, str | Path):
             spacecraft = load(spacecraft)
         self.effectiveness: FloatArray = spacecraft.effectiveness()
-        self.scatter: FloatArray = np.array([one.scatter for one in spacecraft.thrusters]) / np.sqrt(3.0)
+        scatter = np.array([one.scatter for one in spacecraft.thrusters]) / np.sqrt(3.0)
+        self.scatter: FloatArray = np.maximum(scatter, LEAST_SCATTER)
         sensors = np.repeat([spacecraft.sensors.velocity, spacecraft.sensors.rate], 3)
         per_second = np.abs(self.effectiveness).sum(axis=1)
-        least = 1e-6 * np.where(per_second > 0.0, per_second, per_second.max())
+        least = 1e-6 * max(spacecraft.control_period, 1.0)
+        least = least * np.where(per_second > 0.0, per_second, per_second.max())
         self.sensors: FloatArray = 2.0 * np.square(np.maximum(sensors, least))
 
     def __call__(self, on_times: ArrayLike) -> FloatArray:

@@ -19,11 +19,30 @@ The helpers here work on one block of craft at a time: arrays of shape (rows, la
 arithmetic across lanes so that the loops vectorise; what is rare (a fault) is done lane by lane.
 """
 
+from typing import Any
+
 from thruster_envs.helpers import njit
+
+#: m/s^2, turns a specific impulse in seconds into an exhaust speed.
+STANDARD_GRAVITY = 9.80665
+
+#: Seconds; a valve level that takes no longer to rise or fall jumps.
+NO_TIME = 1e-30
 
 #: Corners that one thruster's level can have in a period when its valve has delays or ramps, and without
 #: them; corners of one fault.
 CORNERS_WITH_DYNAMICS, CORNERS, FAULT_CORNERS = 7, 1, 5
+
+
+def has_dynamics(spacecraft: Any) -> bool:
+    """Whether any valve of a spacecraft has a delay or takes time to rise or fall."""
+    return any(
+        one.opening_delay > 0.0
+        or one.closing_delay > 0.0
+        or one.rise_time > NO_TIME
+        or one.fall_time > NO_TIME
+        for one in spacecraft.thrusters
+    )
 
 
 @njit(forceinline=True)
@@ -90,3 +109,39 @@ def valve_corners(row, corners, w, start_level, tail, opening, closing, rise, fa
     corners[row + 6, w] = closing + at_closing / fall if closing > opening else period
     for k in range(row, row + 7):
         corners[k, w] = min(max(corners[k, w], 0.0), period)
+
+
+@njit(forceinline=True)
+def valve_times(duty, held, minimum, opening_delay, closing_delay, period):
+    """When a valve that is commanded opens and closes, s of the period; it closes at 0 without a command."""
+    on_time = duty * period
+    on_time = on_time if on_time >= minimum else 0.0
+    opening = held - 1.0 if held >= 1.0 else opening_delay
+    return opening, on_time + closing_delay if on_time > 0.0 else 0.0
+
+
+@njit(forceinline=True)
+def merged_pulse(opening, closing, tail, period):
+    """Opening and closing of the pulse of a period and the tail before it, where they overlap made one.
+
+    What is no pulse of its own, or would open after the period, opens and closes far behind it.
+    """
+    merges = (closing > opening) & (opening <= tail)
+    pulse = (closing > opening) & (opening > tail) & (opening < period)
+    tail = closing if merges & (closing > tail) else tail
+    return opening if pulse else 2.0 * period, closing if pulse else 2.0 * period, tail
+
+
+@njit(forceinline=True)
+def held_after(duty, opening, minimum, period):
+    """1 plus the opening delay still to come where a command lasts to the end of the period, else 0."""
+    to_come = opening - period
+    run = (duty >= 1.0) & (period >= minimum)
+    return (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
+
+
+@njit(forceinline=True)
+def left_open(opening, closing, tail, period):
+    """For how long a valve stays open into the next period, s."""
+    over = (closing if opening < period else tail) - period
+    return over if over > 0.0 else 0.0

@@ -32,6 +32,7 @@ from thruster_envs.kernels import kernel
 from thruster_envs.physics import health, modulated_flight
 from thruster_envs.physics import rows as at
 from thruster_envs.physics.body import MOST_SUBSTEPS, substep_rate, write_frame_rate
+from thruster_envs.physics.firing import STANDARD_GRAVITY
 from thruster_envs.physics.orbits import (
     Elements,
     Ellipse,
@@ -58,7 +59,6 @@ from thruster_envs.physics.vehicle import (
     MODULATED_SUBSTEP,
     ORBIT_TURN,
     SHORT_SUBSTEP,
-    STANDARD_GRAVITY,
     arrange_rows,
     open_batch,
     open_vehicle,

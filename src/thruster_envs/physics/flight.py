@@ -40,6 +40,7 @@ from thruster_envs.physics.body import (
     take_from_places,
 )
 from thruster_envs.physics.borrowed import borrow, keep
+from thruster_envs.physics.expectation import fire_nominal
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.storage import (
     StorageWork,
@@ -214,10 +215,11 @@ def _fly_block(b, batch, vehicle, move, work):
         for w in range(lanes):
             if clock[_COMMANDED, w] > 0.0:
                 _hold_open(b, w, batch, vehicle, work)
+    coupling = _fire_nominally(b, data, vehicle, dynamic, work)
     if move:
         freeze_lost(b, data, work.state, work.sight[0], lanes)
         store_state(b, data, vehicle, work.state, 0, lanes)
-        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
+        expected_change(b, data, vehicle, coupling, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, work.state)
         look(b, data, vehicle, work.words, work.state, work.sight, lanes)
 
@@ -354,12 +356,10 @@ def _command_valves(b, batch, vehicle, commanded, work):
         minimum, opening_delay = thrusters.minimum_pulse[i], thrusters.opening_delay[i]
         closing_delay, scatter = thrusters.closing_delay[i], thrusters.scatter[i]
         for w in range(lanes):
-            duty = data[b, rows.duties + i, w]
-            on_time = duty * period
-            on_time = on_time if on_time >= minimum else 0.0
-            held = data[b, rows.held + i, w]
-            opening = held - 1.0 if held >= 1.0 else opening_delay
-            closing = on_time + closing_delay if on_time > 0.0 else 0.0
+            opening, closing = firing.valve_times(
+                data[b, rows.duties + i, w], data[b, rows.held + i, w], minimum, opening_delay,
+                closing_delay, period,
+            )  # fmt: skip
             nominal = closing - opening
             valves[_OPENS * n + i, w] = opening
             valves[_CLOSES * n + i, w] = closing
@@ -384,13 +384,11 @@ def _command_valves(b, batch, vehicle, commanded, work):
         for i in range(n):
             for w in range(lanes):
                 valves[_LEVEL * n + i, w] = data[b, rows.level + i, w]
-                tail = data[b, rows.tail + i, w]
-                opening, closing = valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w]
-                merges = (closing > opening) & (opening <= tail)
-                pulse = (closing > opening) & (opening > tail) & (opening < period)
-                valves[_TAIL * n + i, w] = closing if merges & (closing > tail) else tail
-                valves[_OPENS * n + i, w] = opening if pulse else 2.0 * period
-                valves[_CLOSES * n + i, w] = closing if pulse else 2.0 * period
+                opening, closing, tail = firing.merged_pulse(
+                    valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w], data[b, rows.tail + i, w], period
+                )
+                valves[_TAIL * n + i, w] = tail
+                valves[_OPENS * n + i, w], valves[_CLOSES * n + i, w] = opening, closing
 
 
 @njit(forceinline=True)
@@ -403,9 +401,9 @@ def _store(b, data, vehicle, work):
         for w in range(lanes):
             data[b, rows.delivered + i, w] = valves[_DELIVERED * n + i, w]
         for w in range(lanes):
-            to_come = valves[_RUN * n + i, w] - period
-            run = (data[b, rows.duties + i, w] >= 1.0) & (period >= minimum)
-            data[b, rows.held + i, w] = (1.0 + (to_come if to_come > 0.0 else 0.0)) if run else 0.0
+            data[b, rows.held + i, w] = firing.held_after(
+                data[b, rows.duties + i, w], valves[_RUN * n + i, w], minimum, period
+            )
         if vehicle.valves.dynamic is not None:
             rise, fall = thrusters.rise_rate[i], thrusters.fall_rate[i]
             for w in range(lanes):
@@ -415,14 +413,31 @@ def _store(b, data, vehicle, work):
                     period, valves[_LEVEL * n + i, w], tail, opening, closing, rise, fall
                 )
                 data[b, rows.level + i, w] = level
-                over = (closing if opening < period else tail) - period
-                data[b, rows.tail + i, w] = over if over > 0.0 else 0.0
+                data[b, rows.tail + i, w] = firing.left_open(opening, closing, tail, period)
     for k in range(6):
         for w in range(lanes):
             data[b, at.IMPULSE + k, w] = impulse[_WRENCH + k, w]
     for w in range(lanes):
         data[b, at.OPEN_TIME, w] += impulse[_OPEN, w]
         data[b, at.STEP, w] += 1.0
+
+
+@njit(forceinline=True)
+def _fire_nominally(b, data, vehicle, dynamic, work):
+    """Nominal on-times of valves with delays or ramps; returns the coupling that they do not yet have."""
+    if dynamic is None:
+        return vehicle.constants.coupling
+    rows, thrusters, constants = vehicle.rows, vehicle.thrusters, vehicle.constants
+    block = data[b]
+    for w in range(work.lanes):
+        fire_nominal(
+            w, (block, rows.duties), (block, rows.nominal),
+            (thrusters.minimum_pulse, thrusters.opening_delay, thrusters.closing_delay, thrusters.rise_rate,
+             thrusters.fall_rate),
+            constants.period, constants.coupling, (work.nodes, work.corners),
+            (work.valves, _NOMINAL * rows.thrusters),
+        )  # fmt: skip
+    return 0.0
 
 
 @njit

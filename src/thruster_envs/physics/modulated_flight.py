@@ -41,6 +41,7 @@ from thruster_envs.physics.body import (
     substep,
 )
 from thruster_envs.physics.borrowed import borrow, keep
+from thruster_envs.physics.expectation import time_in_period
 from thruster_envs.physics.sensing import SIGHT_ROWS, draw_words, expected_change, look, word_rows
 from thruster_envs.physics.storage import (
     StorageWork,
@@ -212,7 +213,7 @@ def _fly_block(b, batch, vehicle, move, work):
     if move:
         freeze_lost(b, data, state, work.sight[0], lanes)
         store_state(b, data, vehicle, state, 0, lanes)
-        expected_change(b, data, vehicle, valves, _NOMINAL * n, work.sight, lanes)
+        expected_change(b, data, vehicle, 0.0, valves, _NOMINAL * n, work.sight, lanes)
         store_storage(b, data, vehicle, vehicle.storage, work.storage, state)
         look(b, data, vehicle, work.words, state, work.sight, lanes)
 
@@ -267,9 +268,7 @@ def _command_valves(b, batch, vehicle, pulses, valves):
             for w in range(lanes):
                 begin = nominal - age
                 end = begin + pulses[(_PULSE * p + _ON_TIME) * n + i, w] + longer - later
-                begin = begin if begin > 0.0 else 0.0
-                end = end if end < period else period
-                valves[_STRENGTH * n + i, w] += end - begin if end > begin else 0.0
+                valves[_STRENGTH * n + i, w] += time_in_period(begin, end, period)
         for w in range(lanes):
             # The first thruster comes last: until then its row holds the delay common to all.
             valves[_NOMINAL * n + i, w] = valves[_STRENGTH * n + i, w]

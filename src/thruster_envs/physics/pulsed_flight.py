@@ -167,7 +167,7 @@ def _fly_block(b, batch, vehicle, move, work):
             _move(b, data, vehicle, state, clock)
         freeze_lost(b, data, state, sight[0], lanes)
         store_state(b, data, vehicle, state, _Q, lanes)
-        expected_change(b, data, vehicle, firings, _NOMINAL * n, sight, lanes)
+        expected_change(b, data, vehicle, constants.coupling, firings, _NOMINAL * n, sight, lanes)
         look(b, data, vehicle, work.words, state, sight, lanes)
         for k in range(3):
             for w in range(lanes):

@@ -28,7 +28,8 @@ EXPECTED_CHANGE = 35  # 6, the same as the nominal vehicle would have given
 IMPULSE = 41  # 6, what the thrusters gave in the last period: N s and N m s, body axes
 LOST = 47  # 1 once the craft could not be followed any further: it stays where it was; else 0
 FRAME_RATE = 48  # 2, rad/s: at which LVLH turns about its x and about its z
-DUTIES = 50  # one for each thruster, 0..1, commanded in the last period; Rows has what follows
+EXPECTED_USE = 50  # kg, propellant that the nominal vehicle would have used since the reset
+DUTIES = 51  # one for each thruster, 0..1, commanded in the last period; Rows has what follows
 
 # A fault as the kernels hold it: the columns of ``thruster_envs.faults.encoding`` and then the wrench that
 # the thruster would give if its thrust were turned by a right angle towards the fault's azimuth.
@@ -73,6 +74,8 @@ class Rows(NamedTuple):
         reference: Where LVLH stands, as :mod:`.orbits` has it: as many rows as the kind of orbit has numbers,
             none on a circular orbit.
         first_reference: The same at the start of the episode, for craft on pulsed plasma thrusters.
+        nominal: Of valves with delays or ramps, what nominal ones carry over: rows as of `held`, `level` and
+            `tail`; none for other craft.
         fields: Number of rows.
     """
 
@@ -99,6 +102,7 @@ class Rows(NamedTuple):
     stored_momentum: int
     reference: int
     first_reference: int
+    nominal: int
     fields: int
 
 
@@ -110,6 +114,7 @@ def arrange(
     reference: int = 0,
     *,
     pulsed: bool = False,
+    dynamic: bool = False,
 ) -> Rows:
     """The rows of a vehicle.
 
@@ -120,6 +125,7 @@ def arrange(
         gyros: Number of control-moment gyros.
         reference: Numbers that say where LVLH stands.
         pulsed: Whether its thrusters are pulsed plasma thrusters.
+        dynamic: Whether its valves have delays or ramps, and no modulator.
     """
     modulated, pulses = carried is not None, carried or 0
     sizes = {
@@ -142,6 +148,7 @@ def arrange(
         "stored_momentum": 3 * (wheels + gyros > 0),
         "reference": reference,
         "first_reference": reference * pulsed,
+        "nominal": 3 * thrusters * dynamic,
     }
     first, row = {}, DUTIES
     for name, size in sizes.items():

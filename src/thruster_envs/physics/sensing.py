@@ -227,15 +227,16 @@ def add_stored(b, w, data, vehicle, before, after):
 
 
 @njit(forceinline=True)
-def expected_change(b, data, vehicle, durations, first_row, sight, lanes):
+def expected_change(b, data, vehicle, coupling, durations, first_row, sight, lanes):
     """Rate change that the nominal vehicle gives for the commanded pulses, feed coupling included.
 
-    All pulses start together. A pulse of duration ``u_i`` loses ``f * min(u_i, u_j)`` to every other one;
-    ``durations`` holds ``u`` from ``first_row`` on, ``sight`` is scratch.
+    ``durations`` holds the nominal on-times from ``first_row`` on, of pulses that start together and still
+    lose ``coupling``; where it is 0 they are effective ones. The propellant that these use makes the nominal
+    vehicle lighter. ``sight`` is scratch.
     """
-    n, believed = vehicle.rows.thrusters, vehicle.thrusters.believed
-    coupling = vehicle.constants.coupling
-    for k in range(6):
+    n, thrusters, constants = vehicle.rows.thrusters, vehicle.thrusters, vehicle.constants
+    believed = thrusters.believed
+    for k in range(8):
         for w in range(lanes):
             sight[k, w] = 0.0
     for i in range(n):
@@ -252,6 +253,18 @@ def expected_change(b, data, vehicle, durations, first_row, sight, lanes):
             column = believed[k, i]
             for w in range(lanes):
                 sight[k, w] += column * sight[6, w]
+        flow = thrusters.thrust[i] * thrusters.flow_per_thrust[i]
+        for w in range(lanes):
+            sight[7, w] += flow * sight[6, w]
+    for w in range(lanes):
+        mass = constants.mass - data[b, at.EXPECTED_USE, w]
+        fires = 1.0 if mass > constants.dry_mass else 0.0
+        mean = mass - 0.5 * fires * sight[7, w]
+        data[b, at.EXPECTED_USE, w] += fires * sight[7, w]
+        for k in range(3):
+            sight[k, w] *= fires * constants.mass / mean
+        for k in range(3, 6):
+            sight[k, w] *= fires
     for k in range(6):
         for w in range(lanes):
             data[b, at.EXPECTED_CHANGE + k, w] = sight[k, w]

@@ -21,6 +21,7 @@ from thruster_envs.physics import rows as at
 from thruster_envs.physics.actuators import gyros as gyro
 from thruster_envs.physics.actuators import wheels as wheel
 from thruster_envs.physics.borrowed import borrow
+from thruster_envs.physics.firing import NO_TIME, STANDARD_GRAVITY, has_dynamics
 from thruster_envs.physics.orbits import (
     REFERENCE_SIZES,
     Circular,
@@ -59,12 +60,6 @@ ORBIT_TURN = 0.05
 
 #: Longest sub-step of craft behind a modulator unless another one is asked for, s.
 MODULATED_SUBSTEP = 0.1
-
-#: m/s^2, turns a specific impulse in seconds into an exhaust speed.
-STANDARD_GRAVITY = 9.80665
-
-#: Seconds; a valve level that takes no longer to rise or fall jumps.
-_NO_TIME = 1e-30
 
 
 class Batch(NamedTuple):
@@ -140,6 +135,7 @@ class Constants(NamedTuple):
         spin_up: The most that the actuators give together, rad/s^2.
         stored_spin: The part of wheels and gyros in that, rad/s^2.
         stored_rate: Least sub-steps per second for what stores momentum, 1/s.
+        mass: Nominal, at the start, kg.
         velocity_drift: Lower half of the transition matrix over one period on a circular orbit, row by row;
             zeros on others, where it changes as time goes on.
     """
@@ -164,6 +160,7 @@ class Constants(NamedTuple):
     spin_up: float
     stored_spin: float
     stored_rate: float
+    mass: float
     velocity_drift: tuple[float, ...]
 
 
@@ -276,7 +273,7 @@ def open_vehicle(parts):
     constants = Constants(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
         numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14], numbers[15],
-        numbers[16], numbers[17], numbers[18], numbers[19], _drift(numbers[20:]),
+        numbers[16], numbers[17], numbers[18], numbers[19], numbers[20], _drift(numbers[21:]),
     )  # fmt: skip
     return Vehicle(
         open_thrusters(borrow(parts[0])),
@@ -311,7 +308,7 @@ def _open_rows(rows):
     return at.Rows(
         rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8], rows[9],
         rows[10], rows[11], rows[12], rows[13], rows[14], rows[15], rows[16], rows[17], rows[18],
-        rows[19], rows[20], rows[21], rows[22], rows[23],
+        rows[19], rows[20], rows[21], rows[22], rows[23], rows[24],
     )  # fmt: skip
 
 
@@ -355,6 +352,7 @@ def arrange_rows(spacecraft: Spacecraft) -> at.Rows:
         len(spacecraft.control_moment_gyros),
         REFERENCE_SIZES[type(kind_of(spacecraft.reference_orbit, nonlinear=False))],
         pulsed=spacecraft.discharge is not None,
+        dynamic=spacecraft.modulator is None and has_dynamics(spacecraft),
     )  # fmt: skip
 
 
@@ -383,26 +381,17 @@ def pack_vehicle(
         np.array([*constants[:-1], *constants.velocity_drift]),
         np.array(arrange_rows(spacecraft), np.int64),
         (_symmetric(inertia), _symmetric(np.linalg.inv(inertia)), *pack_orbit(orbit)),
-        None if modulated or pulses is not None else _pack_valves(thrusters),
+        None if modulated or pulses is not None else _pack_valves(spacecraft),
         _pack_modulator(spacecraft.modulator, spacecraft.control_period, max_substep),
         pulses,
         _pack_storage(spacecraft),
     )  # fmt: skip
 
 
-def _pack_valves(constants: FloatArray) -> tuple[NDArray[np.int64], bool | None]:
-    thrusters = Thrusters(
-        constants[0], constants[1], constants[2], constants[3], constants[4], constants[5], constants[6],
-        constants[7], constants[8], constants[9:],
-    )  # fmt: skip
-    dynamic = bool(
-        np.any(thrusters.opening_delay > 0.0)
-        or np.any(thrusters.closing_delay > 0.0)
-        or np.any(thrusters.rise_rate < 1.0 / _NO_TIME)
-        or np.any(thrusters.fall_rate < 1.0 / _NO_TIME)
-    )
-    corners = thrusters.thrust.size * (firing.CORNERS_WITH_DYNAMICS if dynamic else firing.CORNERS)
-    return _sorting_network(corners), True if dynamic else None
+def _pack_valves(spacecraft: Spacecraft) -> tuple[NDArray[np.int64], bool | None]:
+    dynamic = has_dynamics(spacecraft)
+    corners = firing.CORNERS_WITH_DYNAMICS if dynamic else firing.CORNERS
+    return _sorting_network(spacecraft.number_of_thrusters * corners), True if dynamic else None
 
 
 def _pack_storage(spacecraft: Spacecraft) -> tuple[FloatArray, FloatArray] | None:
@@ -458,9 +447,9 @@ def thruster_constants(spacecraft: Spacecraft) -> FloatArray:
     for i, thruster in enumerate(spacecraft.thrusters):
         rows[:9, i] = (
             thruster.thrust, thruster.minimum_pulse, thruster.opening_delay, thruster.closing_delay,
-            1.0 / max(thruster.rise_time, _NO_TIME), 1.0 / max(thruster.fall_time, _NO_TIME),
+            1.0 / max(thruster.rise_time, NO_TIME), 1.0 / max(thruster.fall_time, NO_TIME),
             thruster.scatter, 1.0 / (thruster.specific_impulse * STANDARD_GRAVITY),
-            1.0 / max(thruster.time_constant, _NO_TIME),
+            1.0 / max(thruster.time_constant, NO_TIME),
         )  # fmt: skip
     rows[9:] = spacecraft.effectiveness()
     return rows
@@ -494,6 +483,7 @@ def scalar_constants(spacecraft: Spacecraft, max_substep: float | None) -> Const
         spin_up=spin_up(spacecraft),
         stored_spin=_stored_spin(spacecraft),
         stored_rate=0.0 if own else _stored_rate(spacecraft),
+        mass=spacecraft.mass,
         velocity_drift=tuple(drift.reshape(-1).tolist()),
     )
 
