@@ -54,7 +54,7 @@ def kernel(
     """Compile a function with Numba, by the rules of all kernels here, and keep it on disk.
 
     Division by zero gives what NumPy gives. A helper that is only called by other kernels needs no more than
-    ``numba.njit``: it is compiled into them.
+    :func:`thruster_envs.helpers.njit`: it is compiled into them.
 
     Args:
         function: The function; left out where there are options.
