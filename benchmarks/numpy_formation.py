@@ -35,7 +35,7 @@ class NumpyFormation:
         rate: (worlds, craft, 3), rad/s.
         measured_attitude: As the sensors saw it last.
         measured_rate: The same.
-        terms: (worlds, commanded, 3), reward of the last period: pointing, balance, pulses.
+        terms: (worlds, commanded, 4), reward of the last period: pointing, balance, pulses, lost.
     """
 
     def __init__(self, task: FormationAttitude, targets: Array) -> None:
@@ -54,7 +54,7 @@ class NumpyFormation:
         self.measured_attitude, self.measured_rate = self.attitude.copy(), self.rate.copy()
         self.asked = np.zeros((*shape, self.vehicle.number_of_thrusters))
         self.fired, self.steps = np.zeros(shape), 0
-        self.terms = np.zeros((self.worlds, len(task.agents), 3))
+        self.terms = np.zeros((self.worlds, len(task.agents), 4))
 
     def step(self, options: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float32]:
         """Fly one period with sensor noise drawn from ``rng``; as :meth:`fly`."""
@@ -134,10 +134,13 @@ class NumpyFormation:
         error, _ = self._errors(self.attitude, self.rate)
         angle = 2.0 * np.arctan2(np.linalg.norm(error[..., 1:], axis=-1), error[..., 0])
         excess = np.clip(self.fired / np.where(mean > 0.0, mean, np.inf) - 1.0, 0.0, 1.0)
-        price = self.task.balance_price, self.task.pulse_price / 3.0
-        pointing = -0.5 * (angle + angle / (angle + 0.05))
-        terms = np.stack([pointing, -price[0] * excess, -price[1] * pulses], axis=-1)
-        self.terms = terms[:, commanded]
+        task, worth = self.task, 7.0 / 3000
+        pointing = worth * (1.0 - 0.5 * (angle / np.pi + angle / (angle + 0.05)))
+        balance = worth * task.balance_price * (1.0 - excess)
+        saved = worth * task.pulse_price * (1.0 - np.minimum(pulses / 3.0, 1.0))
+        over = (np.linalg.norm(self.rate, axis=-1) > task.rate_limit).any(axis=1, keepdims=True)
+        lost = np.broadcast_to(np.where(over, -task.most_worth, 0.0), angle.shape)
+        self.terms = np.stack([pointing, balance, saved, lost], axis=-1)[:, commanded]
 
     def _observe(self, commanded: slice) -> NDArray[np.float32]:
         error, rate = self._errors(self.measured_attitude, self.measured_rate)

@@ -111,7 +111,7 @@ def modules() -> list[str]:
         module.name
         for package in (thruster_envs, thruster_baselines)
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-        if not module.name.endswith("_v0")
+        if not module.name.endswith(("_v0", "_v1"))
     ]
 
 

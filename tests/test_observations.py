@@ -27,7 +27,7 @@ def batch(identifier, **settings):
 def test_a_reading_is_what_navigation_measured(name):
     """Float32 keeps seven digits; what is clipped is left out."""
     settings = {"navigation_delay": 0} if name == "MarsRendezvous" else {}
-    envs = batch(f"thruster_envs/{name}-v0", **settings)
+    envs = batch(f"thruster_envs/{name}-v1", **settings)
     observations, _ = envs.reset(seed=3)
     observations = envs.step(envs.action_space.sample())[0]
     reading = Reader.of(envs)(observations)

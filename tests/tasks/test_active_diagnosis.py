@@ -67,7 +67,7 @@ def test_test_pulses_are_added_to_the_pilots_duties():
     fired = PERIOD * (expected - duties(twin)).sum(axis=1)
     told = tested.info(step)
     np.testing.assert_allclose(told["diagnosis"]["tested"][:, 0], fired, rtol=1e-12)
-    np.testing.assert_allclose(told["reward_terms"]["fuel"][:, 0], -0.1 * fired / 60.0, rtol=1e-12)
+    np.testing.assert_allclose(told["reward_terms"]["fuel"][:, 0], -0.5 * fired / 60.0, rtol=1e-12)
     left = step.observations[:, 0, -1]
     np.testing.assert_allclose(left, 1.0 - fired / 60.0, rtol=1e-6)
 
@@ -78,10 +78,10 @@ def test_what_is_over_the_budget_is_not_fired():
     for _ in range(3):
         step = batch.step(choose(1, 2))
         fired.append(PERIOD * duties(batch)[0])
-        paid += step.reward_terms[0, 0, 3]
+        paid += step.reward_terms[0, 0, 5]
     np.testing.assert_allclose(fired[0], 3 * [2.0] + [1.0] + 8 * [0.0], rtol=0.0, atol=1e-14)
     assert not np.concatenate(fired[1:]).any()
-    assert paid == pytest.approx(-0.1, abs=1e-15)
+    assert paid == pytest.approx(-0.5, abs=1e-15)
     assert step.observations[0, 0, -1] == 0.0
     assert batch.info()["diagnosis"]["tested"].item() == 7.0
 
@@ -106,6 +106,21 @@ def test_cost_counts_a_craft_that_turns_too_fast():
     # The rate against LVLH differs by the mean motion, 0.0011 rad/s, at most.
     np.testing.assert_allclose(costs, np.maximum(np.array(rates) / 0.1 - 1.0, 0.0), atol=0.012)
     assert costs[-1] > 0.5
+
+
+def test_a_lost_flight_costs_more_than_any_other_and_is_no_success():
+    """Whatever was declared: else it would pay to be lost as long as no fault has come."""
+    batch = begin(ActiveDiagnosis(faults=[]))
+    for _ in range(10):
+        batch.step(choose(1))
+    batch.fleet.write(at.RATE, np.array((1.5, 0.0, 0.0)))
+    step = batch.step(choose(1))
+    assert step.terminated.all()
+    left = (FLIGHT - 11) / FLIGHT
+    assert step.rewards.item() == pytest.approx(-(5.0 + 5.0 + 0.5) - 5.0 * left, rel=1e-12)
+    truth = batch.task.truth(batch.state)
+    assert truth.score.item() == 0.0
+    assert not truth.success.any()
 
 
 def test_a_quiet_flight_hardly_fires_and_an_oracle_needs_no_test():

@@ -74,7 +74,7 @@ def test_a_vehicle_is_not_refused_for_an_axis_that_nothing_turns_or_pushes(ident
 @pytest.mark.parametrize("name", VEHICLES)
 @pytest.mark.parametrize("module", PARALLEL)
 def test_a_vehicle_is_finite_in_a_formation_or_refused_in_one_line(module, name):
-    single = module.title().replace("_", "").replace("V0", "-v0")
+    single = module.title().replace("_", "").replace("V1", "-v1")
     if flown(f"thruster_envs/{single}", name) is not None:
         with pytest.raises(ValueError, match=r"^[^\n]*$"):
             PARALLEL[module].parallel_env(spacecraft=VEHICLES[name])

@@ -109,8 +109,8 @@ def test_all_craft_pay_the_same_share_of_the_fuel_bill():
     actions = nothing(batch)
     actions[0, 1, 4] = 0.0  # half a period of one thruster of one craft
     step = batch.step(actions)
-    bill = -3.0 * 0.5 / 12.0 / 3.0
-    np.testing.assert_allclose(step.reward_terms[0, :, 2], [bill] * 3, rtol=1e-12)
+    saved = 3.0 * (1.0 - 0.5 / 12.0 / 3.0)
+    np.testing.assert_allclose(step.reward_terms[0, :, 2], [5.0 / 120.0 * saved] * 3, rtol=1e-12)
     np.testing.assert_allclose(batch.task.truth(batch.state).fuel[0], [0.0, 2.5, 0.0], rtol=1e-12)
     assert batch.observe()[0, :, 36].tolist() == [-1.0, 2.0, -1.0]
 
@@ -129,10 +129,22 @@ def test_the_reward_is_for_the_place_and_the_attitude():
     )
     batch.fleet.write(at.RATE, [[[0.0, 0.0, N], [0.0, 0.0, N], [0.0, 0.0, -N]]])
     step = batch.step(nothing(batch))
-    tracking, attitude, fuel = step.reward_terms[0].T
-    np.testing.assert_allclose(tracking, [0.0, -0.3, -1.0], atol=2e-3)
-    np.testing.assert_allclose(attitude, [0.0, -0.5 * 2.0 * np.sin(0.1), -0.5], atol=2e-3)
-    assert not fuel.any()
+    tracking, attitude, fuel, lost = step.reward_terms[0].T
+    np.testing.assert_allclose(tracking, 5.0 / 120.0 / np.array([1.0, 4.0, 31.0]), rtol=0.01)
+    angles = np.array([0.0, 2.0 * np.sin(0.1), 2.0])
+    np.testing.assert_allclose(attitude, 2.5 / 120.0 / (1.0 + angles / 0.1), rtol=0.02)
+    np.testing.assert_allclose(fuel, 2.5 / 120.0, rtol=1e-12)
+    assert not lost.any()
+
+
+def test_the_loss_of_a_craft_costs_every_agent_a_whole_episode():
+    batch = begin(FormationKeeping(rate_limit=0.01))
+    turning = batch.fleet.read(at.RATE, 3)
+    turning[0, 2] += (0.0, 0.02, 0.0)
+    batch.fleet.write(at.RATE, turning)
+    step = batch.step(nothing(batch))
+    assert step.terminated[0]
+    np.testing.assert_allclose(step.reward_terms[0, :, 3], -5.0 * (1.0 + 0.5 + 0.5), rtol=1e-12)
 
 
 def test_a_near_miss_costs_both_and_rules_success_out():

@@ -457,8 +457,15 @@ def test_how_an_approach_ends(state, ends, captured, safe):
     step = batch.step(np.full((1, 1, 8), -1.0))
     truth, report = batch.task.truth(batch.state), batch.task.report(batch.state)["approach"]
     assert (step.terminated[0], truth.success[0, 0], report["safe"][0, 0]) == (ends, captured, safe)
-    reward = step.reward_terms[0, 0, 4]
-    assert reward == (1.0 if captured else (0.0 if safe else -1.0))
+    capture, lost = step.reward_terms[0, 0, 4:]
+    assert capture == (4.0 if captured else 0.0)  # without any fuel
+    left = 3.2 * max(3000.0 - batch.fleet.read(at.STEP)[0, 0, 0], 0.0) / 3000.0
+    if captured or not ends:
+        assert lost == 0.0
+    elif safe:
+        assert lost == pytest.approx(-left, abs=1e-12)
+    else:
+        assert -4.0 <= lost + left <= -2.0
     if captured:
         assert truth.score[0, 0] == 1.0  # without any fuel
     elif not safe:
@@ -476,17 +483,17 @@ def test_a_retreat_is_safe_and_no_success():
 
 def test_rewards_are_what_they_are_said_to_be():
     batch = begin(MarsRendezvous(disturbances=False))
-    place(batch, (0.3, -10.0, -0.4), (0.0, 0.1, 0.0), attitude=TILTED)
-    before = -batch.state.episode.potential[0] * 20.0
+    place(batch, (0.3, -10.0, -0.4), (0.0, 0.1, 0.0), attitude=TILTED, step=1500)  # it is late
+    before = batch.state.episode.potential[0]
     step = batch.step(np.full((1, 1, 8), -1.0))
     position = batch.fleet.read(0, 3)[0, 0]
-    share = 0.1 / 200.0
     offset, distance = np.hypot(position[0], position[2]), np.linalg.norm(position)
     expected = [
-        -share * offset,
-        -0.5 * share * 0.06 / math.radians(10.0),
+        -2.0 / 3000.0 * offset / (offset + 0.25),
+        -0.5 / 3000.0 * 0.06 / (0.06 + math.radians(3.0)),
         0.0,
-        (before - distance) / 20.0,
+        4.0 * (-distance / 20.0 - before),
+        0.0,
         0.0,
     ]
     np.testing.assert_allclose(step.reward_terms[0, 0], expected, rtol=1e-3, atol=1e-9)
@@ -496,12 +503,19 @@ def test_rewards_are_what_they_are_said_to_be():
     assert batch.step(np.full((1, 1, 8), -1.0)).cost[0, 0] == pytest.approx(3.0 / free - 1.0, rel=1e-4)
 
 
-def test_fuel_is_priced_by_the_idle_rate_for_the_nominal_time():
+def test_who_is_ahead_of_the_nominal_approach_gains_nothing_by_it():
+    batch = begin(MarsRendezvous(disturbances=False))
+    place(batch, (0.0, -10.0, 0.0), (0.0, 0.1, 0.0), step=500)
+    step = batch.step(np.full((1, 1, 8), -1.0))
+    assert step.reward_terms[0, 0, 3] == pytest.approx(4.0 * 50.1 / 200.0, abs=0.03)
+
+
+def test_fuel_is_the_share_of_all_valves_that_were_open():
     batch = begin(MarsRendezvous(), worlds=2)
     total = sum(
         batch.step(np.full((2, 1, 8), 2.0 * duty - 1.0)).reward_terms[:, 0, 2] for duty in (0.5, 0.5, 0, 0, 0)
     )
-    np.testing.assert_allclose(total, -0.25 * 8 * 0.1 / (8 * 0.1 * 200.0), rtol=1e-9)
+    np.testing.assert_allclose(total, -0.2 / 3000.0, rtol=1e-9)
 
 
 def test_the_reference_of_the_pilot_brakes_steadily_and_arrives_at_the_speed_of_contact():

@@ -63,11 +63,11 @@ def test_progress_telescopes():
         duties = 0.03 * generator.random((3, 12)) * (generator.random((3, 12)) < 0.1)
         step = batch.step(actions(duties))
         total += step.reward_terms[:, 0, 1]
-    np.testing.assert_allclose(total, batch.state.episode.potential - start, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(total, 5.0 * (batch.state.episode.potential - start), rtol=0.0, atol=1e-12)
     assert np.abs(total).min() > 1e-4
 
 
-def test_the_potential_is_minus_the_delta_v_to_go_over_that_of_the_mission():
+def test_the_potential_falls_from_0_to_minus_1_with_the_delta_v_to_go_over_that_of_the_mission():
     batch = begin(OrionRendezvous(faults=[]))
     reference = delta_v_to_go((300.0, 0.0, 0.0), (0.0, 0.0, 0.0), 571 * 5.0, N)
     place(batch, position=(120.0, -40.0, 7.0), velocity=(0.1, -0.02, 0.01), step=99)
@@ -75,19 +75,17 @@ def test_the_potential_is_minus_the_delta_v_to_go_over_that_of_the_mission():
     position, velocity = batch.fleet.read(0, 3)[0, 0], batch.fleet.read(3, 3)[0, 0]
     expected = delta_v_to_go(tuple(position), tuple(velocity), (571 - 100) * 5.0, N)
     # The attitude stays upright within rounding, so that nothing is to be paid for it.
-    assert batch.state.episode.potential[0] == pytest.approx(-expected / reference, rel=1e-9)
+    x = expected / reference
+    assert batch.state.episode.potential[0] == pytest.approx(-x / (1.0 + x), rel=1e-9)
 
 
-def test_fuel_is_the_open_time_at_its_worth_in_delta_v():
+def test_fuel_is_the_share_of_all_valves_that_were_open():
     batch = begin(OrionRendezvous(faults=[]))
     duties = np.zeros((1, 12))
     duties[0, [0, 5]] = 0.4, 0.2
     step = batch.step(actions(duties))
-    reference = delta_v_to_go((300.0, 0.0, 0.0), (0.0, 0.0, 0.0), 571 * 5.0, N)
-    opened = 5.0 * 0.6
-    assert batch.task.truth(batch.state).fuel[0, 0] == pytest.approx(opened, rel=1e-12)
-    thrust = np.mean([thruster.thrust for thruster in ORION.thrusters])
-    assert step.reward_terms[0, 0, 0] == pytest.approx(-opened * thrust / ORION.mass / reference, rel=1e-12)
+    assert batch.task.truth(batch.state).fuel[0, 0] == pytest.approx(5.0 * 0.6, rel=1e-12)
+    assert step.reward_terms[0, 0, 0] == pytest.approx(-2.0 / 571.0 * 0.6 / 12.0, rel=1e-12)
 
 
 INSIDE = {"position": (1.9, 0.0, 0.0), "velocity": (0.0, 0.019, 0.0)}
@@ -116,7 +114,7 @@ def test_the_box_decides_what_has_arrived(state, arrives):
     place(batch, step=570, **state)
     step = coast(batch)
     assert step.terminated[0]
-    assert step.reward_terms[0, 0, 2] == (1.0 if arrives else 0.0)
+    assert step.reward_terms[0, 0, 2] == (5.0 if arrives else 0.0)  # without any fuel
     truth = batch.task.truth(batch.state)
     assert truth.success[0, 0] == arrives
     assert (truth.score[0, 0] > 0.5) == arrives
@@ -140,7 +138,8 @@ def test_out_of_bounds_ends_the_episode_as_a_failure(state):
     place(batch, step=10, **state)
     step = coast(batch)
     assert step.terminated[0]
-    assert step.reward_terms[0, 0, 2] == -1.0
+    assert step.reward_terms[0, 0, 2] == 0.0
+    assert step.reward_terms[0, 0, 3] == pytest.approx(-5.0 - 2.0 * 560.0 / 571.0, rel=1e-12)
     truth = batch.task.truth(batch.state)
     assert truth.score[0, 0] == 0.0
     assert not truth.success[0, 0]

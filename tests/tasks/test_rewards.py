@@ -27,8 +27,14 @@ from thruster_envs.tasks import (
 )
 from thruster_envs.tasks.shaping import delta_v_to_go
 
+#: Shares of an episode after which the worlds of a batch go astray: at once, and later.
+SHARES = np.linspace(0.0, 0.3, 20)
+#: Limits that are reached sooner than those of the task.
+TIGHT = {"rate_soft_limit": 0.01, "rate_limit": 0.012}
 #: One thruster that lacks up to two fifths of its thrust, which every pilot here flies through.
 WEAK = {"probability": 1.0, "kinds": ("loss",), "severity": {"loss": (0.1, 0.4)}, "onset": (0.0, 30.0)}
+#: Faults under which a craft that holds its place is not lost.
+MILD = {"probability": 0.8, "kinds": ("stuck_off", "loss"), "onset": (0.0, 300.0)}
 HEALTHY: list[Any] = []
 
 
@@ -45,7 +51,6 @@ class Case:
         drifts: Whether doing nothing ends lost.
         declares: Whether to say nothing is right where there is no fault.
         steps: Periods that are flown outside of the nightly tests; None for all.
-        latest: Share of them after which a craft can still be lost before they are over.
     """
 
     task: Task
@@ -56,12 +61,6 @@ class Case:
     drifts: bool = False
     declares: bool = False
     steps: int | None = None
-    latest: float = 0.3
-
-    @property
-    def shares(self):
-        """When the worlds of a batch go astray: at once, and later."""
-        return np.linspace(0.0, self.latest, 20)
 
     def fly(self, policy, worlds, faults=HEALTHY, *, whole=False):
         return fly(self.task, policy, worlds, faults=faults, limit=None if whole else self.steps)
@@ -82,16 +81,16 @@ CASES = {
         drifts=True,
     ),
     "MarsRendezvous": Case(
-        MarsRendezvous(), flights.capture, flights.stop_at(8.0), 
+        MarsRendezvous(), flights.capture, flights.stop_at(8.0),
         (spin_up, flights.pass_by(1.0), flights.rush(0.5)), WEAK,
         drifts=True,
     ),
     "FormationKeeping": Case(FormationKeeping(commanded=1), *KEEPING),
     "FormationKeeping, team": Case(FormationKeeping(), *KEEPING),
-    "FormationAttitude": Case(FormationAttitude(commanded=1), *TURNING, steps=1400, latest=0.1),
-    "FormationAttitude, team": Case(FormationAttitude(), *TURNING, steps=1400, latest=0.1),
+    "FormationAttitude": Case(FormationAttitude(commanded=1, **TIGHT), *TURNING, steps=1200),
+    "FormationAttitude, team": Case(FormationAttitude(**TIGHT), *TURNING, steps=1200),
     "FaultDiagnosis": Case(FaultDiagnosis(), *DECLARING, declares=True),
-    "ActiveDiagnosis": Case(ActiveDiagnosis(rate_limit=0.02), *DECLARING, (spin_up,), declares=True),
+    "ActiveDiagnosis": Case(ActiveDiagnosis(rate_limit=0.02), *DECLARING, (spin_up,), MILD, declares=True),
     "PulseDiagnosis": Case(PulseDiagnosis(), *DECLARING, declares=True),
 }  # fmt: skip
 LOSING = [name for name, case in CASES.items() if case.losing]
@@ -113,9 +112,7 @@ def _row(name):
 
 @pytest.mark.parametrize("faulty", [False, True], ids=["healthy", "faulty"])
 @pytest.mark.parametrize("name", CASES)
-def test_success_returns_more_than_coming_nearer_that_more_than_nothing_and_that_more_than_a_loss(
-    name, faulty
-):
+def test_success_beats_coming_nearer_and_that_doing_nothing_and_that_being_lost(name, faulty):
     check_order(CASES[name], faulty, 20, whole=False)
 
 
@@ -140,7 +137,7 @@ def check_order(case, faulty, worlds, *, whole):
     else:
         assert (means(success) > means(near)).all()
         assert (means(near) > means(idle)).all()
-    later = [until(nothing, share, spin_up) for share in case.shares[::6]] if case.losing else []
+    later = [until(nothing, share, spin_up) for share in SHARES[::6]] if case.losing else []
     for policy in (*case.losing, *later):
         lost = case.fly(policy, worlds, faults, whole=whole)
         assert lost.terminated.all()
@@ -152,10 +149,10 @@ def check_order(case, faulty, worlds, *, whole):
 def test_at_no_time_and_under_no_discount_does_it_pay_to_be_lost(name):
     """Whatever was flown before, each world returns less than if it had gone on, well or not at all."""
     case = CASES[name]
-    shares, worlds = case.shares, len(case.shares)
-    lost = case.fly(until(case.success, shares, spin_up), worlds)
+    worlds = len(SHARES)
+    lost = case.fly(until(case.success, SHARES, spin_up), worlds)
     well = case.fly(case.success, worlds)
-    rest = None if case.drifts else case.fly(until(case.success, shares), worlds)
+    rest = None if case.drifts else case.fly(until(case.success, SHARES), worlds)
     assert lost.terminated.all()
     for discount in DISCOUNTS:
         assert (lost.returns(discount) < well.returns(discount)).all()
@@ -197,19 +194,16 @@ def gaming(seeds):
 def test_no_policy_that_knows_nothing_games_the_reward(name, seeds, whole):
     """None returns as much as success, and in no world does a loss return more than to do nothing there.
 
-    Where that is lost too, the earlier loss returns less. What a discount of 0.99 per period does not see is
-    left out: a loss that takes a thousand of them.
+    Where that is lost too, the earlier loss returns less.
     """
     case, worlds = CASES[name], 20
     success, idle = (case.fly(policy, worlds, case.faults, whole=whole) for policy in (case.success, nothing))
-    discounts = (0.997, 1.0) if isinstance(case.task, FormationAttitude) else DISCOUNTS
     for policy in gaming(seeds).values():
         flown = case.fly(policy, worlds, case.faults, whole=whole)
         assert (means(success) > means(flown)).all()
         lost = flown.terminated & ~flown.success.any(axis=1) & (flown.score == 0.0).all(axis=1)
-        if case.drifts:
-            lost &= flown.length < 0.8 * idle.length
-        for discount in discounts:
+        lost &= flown.length < 0.8 * idle.length if case.drifts else ~idle.terminated
+        for discount in DISCOUNTS:
             assert (flown.returns(discount)[lost] < idle.returns(discount)[lost]).all()
 
 
@@ -308,7 +302,7 @@ def test_terms_stay_within_the_bounds_that_the_page_states(name):
     for policy in (case.success, nothing, flights.random_duties(0), *case.losing):
         flown = case.fly(policy, 8, case.faults)
         for term, (low, high, least, most) in bounds.items():
-            values, slack = flown.term(task, term), 1.01
+            values, slack = flown.term(task, term), 1.02
             assert values.min() >= slack * low
             assert values.max() <= slack * high
             assert values.sum(axis=0).min() >= slack * least
@@ -338,3 +332,31 @@ def test_every_form_gives_the_same_rewards(identifier):
         actions = {agent: team.action_space(agent).sample() for agent in team.agents}
         step = batch.step(np.array([list(actions.values())], np.float64))
         assert list(team.step(actions)[1].values()) == step.rewards[0].tolist()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["FormationKeeping", "OrionRendezvous", "MarsRendezvous"])
+def test_what_a_learner_finds_first_is_not_to_be_lost(name):
+    """A short run on raw duties: it ends with longer flights than it began with, and no loss pays it."""
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    from thruster_envs.views import SB3VecEnv
+
+    case = CASES[name]
+    identifier = next(one for one in ENVIRONMENTS if f"/{name}-v" in one)
+    envs = SB3VecEnv(gym.make_vec(identifier, num_envs=32, vectorization_mode="vector_entry_point"))
+    model = stable_baselines3.PPO(
+        "MlpPolicy", envs, n_steps=128, batch_size=1024, n_epochs=5, learning_rate=5e-4, seed=0, device="cpu"
+    )
+
+    def policy(batch, step):
+        return model.predict(batch.observe()[:, 0], deterministic=False)[0].reshape(batch._shape)
+
+    before = case.fly(policy, 20)
+    model.learn(150_000)
+    learnt, idle = case.fly(policy, 20), case.fly(nothing, 20)
+    assert learnt.length.mean() >= before.length.mean()
+    assert learnt.returns(0.99).mean() > before.returns(0.99).mean()
+    lost = learnt.terminated & (learnt.score == 0.0).all(axis=1)
+    if case.drifts:
+        lost &= learnt.length < 0.8 * idle.length
+    assert (learnt.returns(1.0)[lost] < idle.returns(1.0)[lost]).all()
