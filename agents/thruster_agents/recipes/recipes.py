@@ -66,7 +66,7 @@ class Recipe:
 RECIPES: tuple[Recipe, ...] = (
     Recipe(
         variant=variant_of("OrionRendezvous-v1", "near"),
-        steps=400_000,
+        steps=300_000,
         ppo=PPOSettings(
             rollout=57, epochs=5, learning_rate=3e-3, discount=0.995, exploration=0.3,
             scales=(1.0, 10.0, 100.0),
@@ -74,7 +74,7 @@ RECIPES: tuple[Recipe, ...] = (
     ),
     Recipe(
         variant=variant_of("MarsRendezvous-v1", "short"),
-        steps=500_000,
+        steps=250_000,
         ppo=PPOSettings(rollout=75, exploration=0.3, scales=(1.0, 10.0)),
     ),
     Recipe(
@@ -84,22 +84,22 @@ RECIPES: tuple[Recipe, ...] = (
     ),
     Recipe(
         variant=variant_of("FormationAttitude-v1", "held"),
-        steps=120_000,
+        steps=100_000,
         ppo=PPOSettings(rollout=100, minibatch=512, epochs=6, worlds=64, discount=0.97, scales=(1.0, 3.0)),
     ),
     Recipe(
         variant=variant_of("FaultDiagnosis-v1", "evidence"),
-        steps=400_000,
+        steps=300_000,
         ppo=PPOSettings(discount=0.5, trace=0.8),
     ),
     Recipe(
         variant=variant_of("ActiveDiagnosis-v1", "evidence"),
-        steps=350_000,
+        steps=250_000,
         ppo=PPOSettings(discount=0.9, trace=0.9),
     ),
     Recipe(
         variant=variant_of("PulseDiagnosis-v0", "plain"),
-        steps=250_000,
+        steps=200_000,
         ppo=PPOSettings(discount=0.0, trace=0.0),
     ),
 )  # fmt: skip
