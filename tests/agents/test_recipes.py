@@ -197,11 +197,11 @@ def test_a_result_of_another_recipe_is_refused(tiny, tmp_path, monkeypatch, caps
 
 @pytest.mark.nightly
 def test_the_quickest_recipe_beats_nothing_and_random_actions():
-    recipe = min(RECIPES, key=lambda one: one.steps)
+    """With faults: where nothing ever fails, to call every pulse healthy is all that is right."""
+    recipe = recipe_of("PulseDiagnosis-v0")
     learnt = training.learn(recipe, 0)
     flown = fly_policy(recipe, lambda seen: learnt.model.predict(seen, deterministic=True)[0], 64)
     others = fly_yardsticks(recipe, 64)
-    for scenario in ("healthy", "faults"):
-        least = max(np.mean(others[key][scenario]["score"]) for key in ("nothing", "random"))
-        assert np.mean(flown[scenario]["score"]) > least + 0.05, scenario
+    least = max(np.mean(others[key]["faults"]["score"]) for key in ("nothing", "random"))
+    assert np.mean(flown["faults"]["score"]) > least + 0.2
     assert learnt.minutes < 30.0
