@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import torch
 import tyro
 from rich.console import Console
@@ -21,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from thruster_agents.commands import check_file, check_folder, complain, run_command
 from thruster_agents.files import as_json, first_difference, locked, read_json, write_json
-from thruster_agents.recipes.comparison import fly_policy, fly_yardsticks
+from thruster_agents.recipes.comparison import SCENARIOS, fly_policy, fly_yardsticks
 from thruster_agents.recipes.learning import learn, write
 from thruster_agents.recipes.page import Result, table, write_page
 from thruster_agents.recipes.recipes import RECIPES, Recipe, recipe_of
@@ -139,6 +140,9 @@ def _seed(recipe: Recipe, seed: int, episodes: int, folder: Path, progress: Prog
     flown = fly_policy(recipe, lambda seen: learnt.model.predict(seen, deterministic=True)[0], episodes)
     place.mkdir(parents=True, exist_ok=True)
     write(place, recipe, learnt.model)
+    scores = ", ".join(f"{np.mean(flown[one.name]['score']):.3f} {one.title}" for one in SCENARIOS)
+    told = f"{recipe.key}, seed {seed}: score {scores}; {learnt.minutes:.2f} processor minutes"
+    progress.console.print(told, highlight=False)
     write_json(
         place / _DONE, as_json(made | {"flown": flown, "minutes": learnt.minutes, "curve": learnt.curve})
     )

@@ -41,10 +41,12 @@ class Result(NamedTuple):
         """Processor minutes of a training, mean over seeds."""
         return float(np.mean([one["minutes"] for one in self.seeds]))
 
-    def beats(self, scenario: str) -> bool:
-        """Whether the interval of the score lies above those of nothing and of random actions."""
+    def verdict(self, scenario: str) -> str:
+        """Whether the interval of the score lies above those of nothing and of random actions, in a word."""
         cells = {row.key: row.cells[scenario]["score"] for row in self.rows}
-        return cells["ppo"][1] > max(cells["nothing"][2], cells["random"][2])
+        if cells["nothing"][0] == 1.0:
+            return "-"
+        return "yes" if cells["ppo"][1] > max(cells["nothing"][2], cells["random"][2]) else "**no**"
 
 
 def table(result: Result) -> Table:
@@ -94,7 +96,7 @@ def _page(results: Sequence[Result], episodes: int, command: str, picture: str) 
         "beginning in every second episode. Means, with 95 % bootstrap intervals over episodes, and for PPO "
         "over policies too. Random actions are drawn as the learner's are; a classical method acts in every "
         "control period on what is observed. *Learnt* means that the interval of PPO's score lies above "
-        "those of doing nothing and of random actions.",
+        "those of doing nothing and of random actions; - stands where to do nothing is all that is right.",
         "",
         f"![Scores of every method]({picture})",
         "",
@@ -103,7 +105,7 @@ def _page(results: Sequence[Result], episodes: int, command: str, picture: str) 
         "|---|---|---:|---:|---:|---|---|",
     ]
     for result in results:
-        learnt = ("yes" if result.beats(one.name) else "**no**" for one in SCENARIOS)
+        learnt = (result.verdict(one.name) for one in SCENARIOS)
         lines.append(
             f"| {result.recipe.key} | {result.recipe.variant.changes} | {result.recipe.steps:,} | "
             f"{result.minutes:.1f} | {len(result.seeds)} | {' | '.join(learnt)} |"

@@ -31,9 +31,9 @@ class PPOSettings:
 
     worlds: int = 128
     rollout: int = 64
-    minibatch: int = 2048
-    epochs: int = 8
-    learning_rate: float = 1e-3
+    minibatch: int = 1024
+    epochs: int = 4
+    learning_rate: float = 2e-3
     discount: float = 0.99
     trace: float = 0.95
     clip: float = 0.2
@@ -66,40 +66,43 @@ class Recipe:
 RECIPES: tuple[Recipe, ...] = (
     Recipe(
         variant=variant_of("OrionRendezvous-v1", "near"),
-        steps=600_000,
-        ppo=PPOSettings(scales=(1.0, 10.0, 100.0), discount=0.995, rollout=57, exploration=0.4),
+        steps=300_000,
+        ppo=PPOSettings(
+            rollout=57, epochs=5, learning_rate=3e-3, discount=0.995, exploration=0.3,
+            scales=(1.0, 10.0, 100.0),
+        ),
     ),
     Recipe(
         variant=variant_of("MarsRendezvous-v1", "short"),
-        steps=300_000,
-        ppo=PPOSettings(scales=(1.0, 10.0), discount=0.99, exploration=0.4),
+        steps=250_000,
+        ppo=PPOSettings(rollout=75, exploration=0.3, scales=(1.0, 10.0)),
     ),
     Recipe(
         variant=variant_of("FormationKeeping-v1", "mapped"),
-        steps=600_000,
-        ppo=PPOSettings(scales=(1.0, 10.0), discount=0.98, exploration=0.3),
+        steps=400_000,
+        ppo=PPOSettings(discount=0.98, exploration=0.3, scales=(1.0, 10.0)),
     ),
     Recipe(
         variant=variant_of("FormationAttitude-v1", "held"),
-        steps=300_000,
-        ppo=PPOSettings(scales=(1.0, 3.0), discount=0.97, worlds=64),
+        steps=100_000,
+        ppo=PPOSettings(rollout=100, minibatch=512, epochs=6, worlds=64, discount=0.97, scales=(1.0, 3.0)),
     ),
     Recipe(
         variant=variant_of("FaultDiagnosis-v1", "evidence"),
-        steps=600_000,
-        ppo=PPOSettings(discount=0.5, trace=0.8, entropy=0.0, learning_rate=2e-3),
+        steps=300_000,
+        ppo=PPOSettings(discount=0.5, trace=0.8),
     ),
     Recipe(
         variant=variant_of("ActiveDiagnosis-v1", "evidence"),
-        steps=600_000,
-        ppo=PPOSettings(discount=0.9, trace=0.9, learning_rate=2e-3),
+        steps=250_000,
+        ppo=PPOSettings(discount=0.9, trace=0.9),
     ),
     Recipe(
         variant=variant_of("PulseDiagnosis-v0", "plain"),
-        steps=500_000,
-        ppo=PPOSettings(discount=0.0, trace=0.0, learning_rate=2e-3),
+        steps=200_000,
+        ppo=PPOSettings(discount=0.0, trace=0.0),
     ),
-)
+)  # fmt: skip
 
 
 def recipe_of(key: str) -> Recipe:

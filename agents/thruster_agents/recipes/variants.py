@@ -110,23 +110,42 @@ VARIANTS: tuple[Variant, ...] = (
     Variant(
         task="OrionRendezvous-v1",
         name="near",
-        changes="Starts 10 m off, with a twentieth of an orbit to go; rate changes are commanded.",
-        settings={"start": (10.0, 0.0, 0.0), "orbits": 0.05, "range_limit": 50.0},
-        command=(0.5, 0.02),
+        changes="Starts 10 m off, a twentieth of an orbit to go, to a wider box; rate changes are commanded.",
+        settings={
+            "start": (10.0, 0.0, 0.0), "orbits": 0.05, "range_limit": 50.0, "position_tolerance": 3.0,
+            "velocity_tolerance": 0.05, "attitude_tolerance": 0.2, "rate_tolerance": 0.02,
+        },
+        command=(0.4, 0.001),
+    ),
+    Variant(
+        task="OrionRendezvous-v1",
+        name="mapped",
+        changes="The whole way, by commanded rate changes.",
+        command=(0.4, 0.001),
     ),
     Variant(
         task="MarsRendezvous-v1",
         name="short",
-        changes="Starts 5 m behind the target; a rate change is commanded every second and held.",
-        settings={"distance": 5.0},
+        changes="Starts 5 m off, to a wider box; a rate change is commanded every second and held.",
+        settings={
+            "distance": 5.0, "offset_tolerance": 0.3, "lateral_tolerance": 0.05, "attitude_tolerance": 0.15,
+            "rate_tolerance": 0.03,
+        },
         hold=10,
-        command=(1.0, 1.0),
+        command=(0.3, 0.2),
+    ),
+    Variant(
+        task="MarsRendezvous-v1",
+        name="mapped",
+        changes="The whole way, by rate changes that are commanded every second and held.",
+        hold=10,
+        command=(0.3, 0.2),
     ),
     Variant(
         task="FormationKeeping-v1",
         name="mapped",
         changes="Rate changes are commanded, and the linear program allocates them.",
-        command=(0.3, 0.02),
+        command=(0.15, 0.002),
     ),
     Variant(
         task="FormationAttitude-v1",
@@ -151,7 +170,7 @@ VARIANTS: tuple[Variant, ...] = (
         name="plain",
         changes="Nothing: the task as it is.",
     ),
-)
+)  # fmt: skip
 
 
 def variant_of(task: str, name: str) -> Variant:

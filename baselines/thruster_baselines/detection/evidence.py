@@ -4,9 +4,10 @@ Modelled: the residual of a period (measured less expected rate change) is compa
 three ways of failing whose size is fitted: thrust that is missing or too much while it fires, thrust that
 comes while it does not, thrust to the side. With the residual ``e``, its covariance ``S`` (`PhysicalNoise`)
 and the effect ``a`` of a failure of size 1, the sums ``u = sum f a' S^-1 e`` and ``v = sum f a' S^-1 a``, in
-which the factor ``f`` falls with age, give the fitted size ``u / v`` and the log-likelihood ratio ``u^2 / 2
-v`` against no fault (Willsky and Jones 1976, with fading memory instead of a window). Left out: onsets,
-several faults at a time.
+which the factor ``f`` falls with age, give the fitted size ``s = u / v``, kept within bounds, and the
+log-likelihood ratio ``s u - s^2 v / 2`` against no fault (Willsky and Jones 1976, with fading memory instead
+of a window). Left out: onsets, several faults at a time, what the turning of the craft and the coupling of
+the feed do to the residual, so that sizes are rough.
 """
 
 from __future__ import annotations
@@ -33,8 +34,12 @@ __all__ = ["EvidenceObservation", "VectorEvidenceObservation"]
 
 Floats = NDArray[np.float32]
 
-#: Ways of failing that are told apart, and largest size that is shown.
-_WAYS, _LARGEST = 3, 1.5
+#: Ways of failing that are told apart, and least and largest size of thrust that is missing while a thruster
+#: fires, that comes while it does not, and to the side on two axes, as shares of its thrust.
+_WAYS = 3
+_LEAST, _MOST = (
+    np.array([[one] for one in ends]) for ends in ((-1.2, 0.0, -0.8, -0.8), (0.5, 1.2, 0.8, 0.8))
+)
 #: Log-likelihood ratio at which a failure is as likely as none, and what is taken from that of a push to the
 #: side, which has a number more to fit.
 _NONE, _ONE_MORE = 8.0, 3.0
@@ -76,20 +81,20 @@ class _Sums:
     def numbers(self) -> Floats:
         """(worlds, size): what is added to an observation."""
         along, power = self.sums[0], self.sums[1] + _TINY
-        gained = 0.5 * along**2 / power
+        fitted = np.clip(along / power, _LEAST, _MOST)
+        gained = fitted * along - 0.5 * fitted**2 * power
         ratios = np.stack([gained[:, 0], gained[:, 1], gained[:, 2] + gained[:, 3] - _ONE_MORE], axis=1)
         ratios = ratios.reshape(len(ratios), -1)
         highest = np.maximum(ratios.max(axis=1, keepdims=True), _NONE)
-        likelihood = np.exp(ratios - highest)
+        likelihood = np.where(ratios > 0.0, np.exp(ratios - highest), 0.0)
         share = likelihood / (likelihood.sum(axis=1, keepdims=True) + np.exp(_NONE - highest))
-        sizes = np.clip(along[:, :2] / power[:, :2], -_LARGEST, _LARGEST).reshape(len(ratios), -1)
-        return np.concatenate([share, sizes], axis=1).astype(np.float32)
+        return np.concatenate([share, fitted[:, :2].reshape(len(ratios), -1)], axis=1).astype(np.float32)
 
     def space(self, space: Any) -> spaces.Box:
         """Observations with those numbers behind them."""
-        counts = [_WAYS * self.n, 2 * self.n]
-        low = np.repeat(np.array([0.0, -_LARGEST], np.float32), counts)
-        high = np.repeat(np.array([1.0, _LARGEST], np.float32), counts)
+        counts = [_WAYS * self.n, self.n, self.n]
+        low = np.repeat(np.array([0.0, *_LEAST[:2, 0]], np.float32), counts)
+        high = np.repeat(np.array([1.0, *_MOST[:2, 0]], np.float32), counts)
         return spaces.Box(
             np.concatenate([space.low, low]), np.concatenate([space.high, high]), dtype=np.float32
         )
@@ -128,7 +133,7 @@ class EvidenceObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     Behind the observation follow, with the n thrusters in order: how likely it is that the thruster has the
     wrong thrust while it fires (n, 0 to 1), that it thrusts while it does not (n, 0 to 1), that it pushes to
     the side (n, 0 to 1), all against each other and against no fault; then the fitted size of the first two,
-    as a share of its thrust (2 n, -1.5 to 1.5). All are 0 where an episode begins.
+    as a share of its thrust (n, -1.2 to 0.5, and n, 0 to 1.2). All are 0 where an episode begins.
 
     Args:
         env: A single `FaultDiagnosis-v1` or `ActiveDiagnosis-v1`, or another environment of this suite that
