@@ -185,7 +185,7 @@ class BaseDetector(ABC):
     @classmethod
     def _own_noise(cls, spacecraft: Spacecraft) -> dict[str, Any]:
         """Settings of the filter for a vehicle."""
-        return {"noise": PhysicalNoise(spacecraft), "mismatch": True}
+        return {"noise": PhysicalNoise(spacecraft), "mismatch": spacecraft.modulator is None}
 
     @classmethod
     def _closed_form(cls, _: Spacecraft, __: float, /, **___: Any) -> float | None:

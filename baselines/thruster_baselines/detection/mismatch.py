@@ -7,10 +7,11 @@ covariance Y are fitted by the signature s of each such parameter, by least squa
     estimate = sum s' Y^-1 e / sum s' Y^-1 s,   statistic = (sum s' Y^-1 e)^2 / sum s' Y^-1 s,
 
 and likewise by a loss and by thrust without command of each single thruster. The parameter that explains the
-most does not fit if for twenty intervals on end it explains more than any single thruster, is sure, and is
-off by more than matters.
+most does not fit if for twenty intervals on end it explains more than any single thruster, leaves no more
+than errors explain, is sure, and is off by more than matters.
 
-Left out: several parameters at once, parameters that change.
+Left out: several parameters at once, parameters that change, vehicles behind a modulator, whose delays vary
+slowly.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ PARAMETERS = ("feed coupling", "thrust of all", "mass", "inertia x", "inertia y"
 """What may not fit. It is off by so much: the coupling by a share of thrust per further thruster, the delay
 of all valves by s, the thrust by a share of what is believed, mass and inertia by one of what is true."""
 
-_SURE, _LEAD, _MORE, _LASTING = 30.0, 10.0, 1.2, 20
+_SURE, _LEAD, _MORE, _LASTING, _LEFT = 30.0, 10.0, 1.2, 20, 1.1
 _MATTERS = (0.005, 0.01, 0.01, 0.02, 0.02, 0.02)  # of the delay: as a share of the interval
 _DELAY_MATTERS = 0.002
 
@@ -61,9 +62,12 @@ class MismatchMonitor:
         if mask is None:
             self._along: FloatArray = np.zeros((self._vehicles, size))
             self._square: FloatArray = np.zeros((self._vehicles, size))
+            self._total: FloatArray = np.zeros(self._vehicles)
+            self._degrees: FloatArray = np.zeros(self._vehicles)
             self._lasting: IntArray = np.zeros(self._vehicles, np.int64)
         else:
             self._along[mask], self._square[mask], self._lasting[mask] = 0.0, 0.0, 0
+            self._total[mask], self._degrees[mask] = 0.0, 0.0
             self.estimate[mask], self.statistic[mask], self.deviation[mask] = 0.0, 0.0, np.inf
             self.parameter[mask] = -1
             return
@@ -75,6 +79,8 @@ class MismatchMonitor:
         signatures = np.linalg.solve(root, _signatures(interval, self._coupling))
         residual = np.linalg.solve(root, interval.residual[..., np.newaxis])
         valid = interval.valid
+        self._total += np.square(residual[..., 0]).sum(axis=1) * valid
+        self._degrees += residual.shape[1] * valid
         self._along += (signatures * residual).sum(axis=1) * valid[:, np.newaxis]
         self._square += np.square(signatures).sum(axis=1) * valid[:, np.newaxis]
         self._conclude(interval.duration)
@@ -93,6 +99,7 @@ class MismatchMonitor:
         matters = np.array([*_MATTERS, _DELAY_MATTERS * duration])[best]
         off = np.abs(self.estimate[rows, best]) > matters
         fits_not = (most > np.maximum(_MORE * one + _LEAD, _SURE)) & off
+        fits_not &= self._total - most <= _LEFT * self._degrees + 4.0 * np.sqrt(2.0 * self._degrees)
         self._lasting = np.where(fits_not, self._lasting + 1, 0)
         self.parameter: IntArray = np.where(self._lasting >= _LASTING, best, -1)
 

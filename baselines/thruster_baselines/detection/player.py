@@ -103,7 +103,6 @@ class DetectorPlayer:
         on_times, rate_change = self._read(observations)
         begins = self._reader(observations).time[:, 0] == 0.0
         turning = self._read.turning(observations if self._before is None else self._before, observations)
-        self._before = np.array(observations)
         diagnosis = self.detector.update(
             on_times, rate_change, self._read.duration, valid=~begins, turning=turning
         )
@@ -111,6 +110,7 @@ class DetectorPlayer:
         self._add_up()
         if begins.any():
             self.reset(begins)
+        self._before = np.array(observations)
         return self._actions()
 
     def reset(self, worlds: NDArray[np.bool_] | None = None) -> None:
@@ -118,6 +118,8 @@ class DetectorPlayer:
         where = slice(None) if worlds is None else worlds
         self.detector.reset(worlds)
         self._sums[where], self._alarmed[where], self._calls[where] = 0.0, False, 0
+        if worlds is None or worlds.all():
+            self._before = None
 
     def _add_up(self) -> None:
         interval = self.detector.last

@@ -32,8 +32,8 @@ class NominalFiring(NamedTuple):
         rate_change: (vehicles, 6), m/s then rad/s, body axes.
         mass_ratio: (vehicles,), mean mass in the period over the nominal one; 0 where the propellant is used
             up, and nothing fires.
-        deviation: (vehicles, n), s: by how much an on-time changes if the modulator is late by one standard
-            deviation; zeros without one.
+        deviation: (vehicles, n), s: by how much an on-time changes if the modulator is as late as it can be;
+            zeros without one.
     """
 
     open_times: FloatArray
@@ -175,16 +175,21 @@ class Expectation:
         lag = np.array([one.time_constant for one in self.spacecraft.thrusters])
         on_time = np.where(told * period >= minimum, told * period, 0.0)
         self._past = [on_time, *self._past][: math.ceil((modulator.delay + closing.max()) / period) + 2]
-        late = math.sqrt(modulator.variation**2 / 2.0 + modulator.jitter**2 / 3.0)
-        spread = np.hypot(late, lag / 3.0)
+        spread = np.hypot(modulator.variation + modulator.jitter, 0.5 * lag)
         total: FloatArray = np.zeros(told.shape)
         later, earlier = np.zeros((2, *told.shape))
+        joints, newer = np.zeros(told.shape), np.zeros(told.shape)
         for age, pulse in enumerate(self._past):
             begin = modulator.delay + opening + lag - age * period
             end = begin + pulse + closing - opening
+            # Pulses that jitter brings over each other are one, and shorter by what they have in common.
+            meets = (begin + period > -spread) & (begin < spread)
+            meets = meets & (end >= begin + period - 2.0 * modulator.jitter) & (pulse > 0.0) & (newer > 0.0)
+            joints, newer = joints + meets, pulse
             for shift, into in ((0.0, total), (spread, later), (-spread, earlier)):
                 first, last = np.maximum(begin + shift, 0.0), np.minimum(end + shift, period)
                 into += np.maximum(np.where(pulse > 0.0, last - first, 0.0), 0.0)
         size = np.maximum(np.abs(later - total), np.abs(earlier - total))
+        size = np.hypot(size, modulator.jitter * np.sqrt(joints))
         deviation[:] = np.copysign(size, later - earlier)
         return total
