@@ -1,6 +1,6 @@
 """Healthy vehicles are left alone: of the catalogue, with a minimum pulse, of a user's own, and at random.
 
-All fly `FaultDiagnosis-v0`. Of flights of 119 periods no more may have a false alarm than a stated rate per
+All fly `FaultDiagnosis-v1`. Of flights of 119 periods no more may have a false alarm than a stated rate per
 period allows (one-sided, 99 %). Nothing was tuned on the vehicles that are written here.
 """
 
@@ -104,7 +104,7 @@ def test_detectors_leave_healthy_vehicles_alone(name):
 @pytest.mark.parametrize("name", VEHICLES)
 def test_the_player_declares_nothing_on_healthy_vehicles(name):
     env = gym.make_vec(
-        "thruster_envs/FaultDiagnosis-v0", num_envs=FLIGHTS, vectorization_mode="vector_entry_point",
+        "thruster_envs/FaultDiagnosis-v1", num_envs=FLIGHTS, vectorization_mode="vector_entry_point",
         spacecraft=VEHICLES[name](), faults=[],
     )  # fmt: skip
     player, declared = DetectorPlayer(env), np.zeros(FLIGHTS, np.bool_)
