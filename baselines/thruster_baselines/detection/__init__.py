@@ -29,9 +29,11 @@ from thruster_baselines.detection.evaluate import (
     evaluate,
     table,
 )
+from thruster_baselines.detection.fault_flights import FaultFlights
 from thruster_baselines.detection.filter_bank import FilterBank
 from thruster_baselines.detection.flights import Flights, FlightSource, RandomFlights
 from thruster_baselines.detection.glr import GLRDetector
+from thruster_baselines.detection.hypotheses import HypothesisDetector
 from thruster_baselines.detection.identification import (
     Identification,
     ModelComparison,
@@ -40,6 +42,7 @@ from thruster_baselines.detection.identification import (
 )
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
 from thruster_baselines.detection.response import ResponseTest
+from thruster_baselines.detection.separability import inseparable_pairs
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -55,6 +58,7 @@ __all__ = [
     "EnvironmentFlights",
     "EstimatorThreshold",
     "Evaluation",
+    "FaultFlights",
     "FilterBank",
     "FilterSettings",
     "Firings",
@@ -62,6 +66,7 @@ __all__ = [
     "Flights",
     "GLRDetector",
     "GenericChiSquared",
+    "HypothesisDetector",
     "Identification",
     "Identifier",
     "Interval",
@@ -82,6 +87,7 @@ __all__ = [
     "chi_squared_threshold",
     "evaluate",
     "healthy_firings",
+    "inseparable_pairs",
     "largest_scaled_threshold",
     "least_squares_severity",
     "margin_threshold",
