@@ -22,10 +22,7 @@ __all__ = ["Pair", "inseparable_pairs"]
 
 PARALLEL = "losses alike, thrust without command alike: the columns are parallel"
 OPPOSITE = "a loss of one is thrust without command of the other: the columns are opposite"
-TILTS = (
-    "a misalignment of one is a misalignment of the other: their thrusts act at the same point, or along the "
-    "line through both"
-)
+TILTS = "any misalignment of one is one of the other: their thrusts act at the same point"
 _TILTED_INTO = "a misalignment of one is a loss or thrust without command of the other"
 
 
@@ -61,7 +58,7 @@ def inseparable_pairs(spacecraft: Spacecraft, angle: float = 0.05) -> list[Pair]
             along = float(units[:, i] @ units[:, j])
             if abs(along) >= np.cos(angle):
                 pairs.append(Pair(i + 1, j + 1, PARALLEL if along > 0.0 else OPPOSITE))
-            if np.linalg.svd(spaces[i].T @ spaces[j], compute_uv=False)[0] >= np.cos(angle):
+            if np.linalg.svd(spaces[i].T @ spaces[j], compute_uv=False)[-1] >= np.cos(angle):
                 pairs.append(Pair(i + 1, j + 1, TILTS))
             ways = (np.linalg.norm(spaces[i].T @ units[:, j]), np.linalg.norm(spaces[j].T @ units[:, i]))
             if max(ways) >= np.cos(angle) and abs(along) < np.cos(angle):
