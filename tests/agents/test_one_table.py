@@ -29,6 +29,7 @@ from thruster_baselines.detection import (
     FilterBank,
     GenericChiSquared,
     GLRDetector,
+    HypothesisDetector,
     RandomFlights,
     ResponseTest,
     SetChiSquared,
@@ -138,6 +139,7 @@ DETECTORS = {
     "windowed ratio": (rate_changes, lambda k: WindowedGLR(ORION, 30.0, noise=NOISE_OF_ORION, vehicles=k)),
     "cumulative sums": (rate_changes, lambda k: CUSUMDetector(ORION, 10.0, noise=NOISE_OF_ORION, vehicles=k)),
     "filter bank": (rate_changes, lambda k: FilterBank(ORION, 8.0, noise=NOISE_OF_ORION, vehicles=k)),
+    "hypotheses": (rate_changes, lambda k: HypothesisDetector(ORION, 10.0, vehicles=k)),
     "norm of the residual": (approaches, lambda k: NormThreshold(MSR_A, 0.0136, vehicles=k)),
     "cross-correlation": (approaches, lambda k: CorrelationDetector(MSR_A, 0.0136, vehicles=k)),
     "signature": (approaches, lambda k: SignatureDetector(MSR_A, 0.0136, vehicles=k)),
@@ -191,6 +193,7 @@ def test_a_detector_keeps_the_contract_and_is_measured(name):
     [
         ("likelihood ratio", 0.0, 0.9),
         ("cumulative sums", 0.0, 0.9),
+        ("hypotheses", 0.0, 0.95),
         ("response test", 0.1, 0.9),
         ("norm of the residual", 0.0, 0.0),
         ("cross-correlation", 0.0, 0.9),

@@ -284,15 +284,29 @@ class ClassicalPilot:
         band = settings.final_dead_band if settling else settings.dead_band
         back_in = _LAST_RETURN if settling else settings.return_time_burning
         wanted = command.copy()
+        swing = self._swing() if stuck.any() else np.zeros(3)
         for _ in range(_STEADYING_PASSES):
             acting = self.allocation.acting(self._on_times, self.belief)
             delivered = self.allocation.delivered(self._on_times, self.belief)
             turned_by = effect @ (delivered * (period - 0.5 * acting))
             after = self.navigation.attitude_error + rate * period + turned_by
-            back = np.zeros(3) if to_go <= 1 else -after / back_in
+            back = np.zeros(3) if to_go <= 1 else -after / back_in - swing
             outside = np.abs(after + (rate + wanted[3:]) * settings.look_ahead) > band
             wanted[3:] = np.where(outside | stuck.any(), back - rate, command[3:])
             self._on_times = self.allocation(wanted, self.belief)
+
+    def _swing(self) -> FloatArray:
+        """(3,), rad/s: mean rate over a period in which the others only hold, begun at rest.
+
+        A stuck valve pushes all the time and the others at the start, so that the body turns and turns back;
+        a period has to begin with the opposite rate for the body to be where it was at its end.
+        """
+        period = self.spacecraft.control_period
+        on_times = self.allocation(np.zeros(6), self.belief)
+        held = self.allocation.delivered(on_times, self.belief)
+        coasting = period - 0.5 * self.allocation.acting(on_times, self.belief)
+        swing: FloatArray = self.allocation.effectiveness(self.belief)[3:] @ (held * coasting) / period
+        return swing
 
     def _believe(self, belief: ActuatorBelief) -> None:
         """From now on plan, map, predict and expect with this."""

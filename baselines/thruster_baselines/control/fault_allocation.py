@@ -9,7 +9,6 @@ fixed point, found in a few linear programs.
 
 Left out: closing `Spacecraft.isolation_valves` where there are some; whoever does, as the action of
 `MarsRendezvous-v1` with `inhibit=True` can, believes that thruster dead (share 0, not stuck on) from then on.
-A valve stuck half open loads the feed here as a fully open one does.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ class FaultAllocation:
         plain = LPMapper(spacecraft)
         self._slack_cost = plain.slack_cost * np.repeat([1.0, rotation_priority], 3)
         self._fuel_cost = plain.fuel_cost
-        self._mappers: dict[int, ExactCompensationMapper | AdditiveCompensationMapper] = {}
+        self._mappers: dict[float, ExactCompensationMapper | AdditiveCompensationMapper] = {}
 
     def effectiveness(self, belief: ActuatorBelief) -> FloatArray:
         """(m, n), m/s^2 then rad/s^2: of an open valve, as believed."""
@@ -111,8 +110,17 @@ class FaultAllocation:
         return np.where(belief.stuck_on, self.spacecraft.control_period, opened)
 
     def delivered(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
-        """(n,), s: firing alone that would give the same as `on_times` (n,) give in company."""
-        return delivered_on_times(self.acting(on_times, belief), self.spacecraft.feed.coupling)
+        """(n,), s: firing alone that would give the same as `on_times` (n,) give in company.
+
+        A valve that is stuck half open takes half of the others' loss.
+        """
+        coupling, stuck = self.spacecraft.feed.coupling, belief.stuck_on
+        whole: FloatArray = delivered_on_times(self.acting(on_times, belief), coupling)
+        if not stuck.any():
+            return whole
+        without = delivered_on_times(np.where(stuck, 0.0, self.acting(on_times, belief)), coupling)
+        opening = float(belief.share[stuck].mean())
+        return np.where(stuck, whole, opening * whole + (1.0 - opening) * without)
 
     def rate_change(self, on_times: ArrayLike, belief: ActuatorBelief) -> FloatArray:
         """(m,), m/s then rad/s: what commanded on-times (n,) are expected to give."""
@@ -123,9 +131,9 @@ class FaultAllocation:
         """On-times (n,), s, to command for a rate change (m,), m/s then rad/s; none to who is stuck on."""
         wanted, stuck = np.asarray(command, dtype=np.float64), belief.stuck_on
         effectiveness = self.effectiveness(belief)
-        load = int(stuck.sum())
+        load = round(float(belief.share[stuck].sum()), 2)
         mapper = self._mapper(load)
-        if load == 0:
+        if not stuck.any():
             return self._possible(mapper(wanted, effectiveness=effectiveness).on_times)
         period = self.spacecraft.control_period
         bounds = np.where(stuck, 0.0, period)
@@ -147,8 +155,8 @@ class FaultAllocation:
         short = on_times < self._minimum
         return np.where(short, np.where(on_times >= 0.5 * self._minimum, self._minimum, 0.0), on_times)
 
-    def _mapper(self, load: int) -> ExactCompensationMapper | AdditiveCompensationMapper:
-        """For so many valves stuck open, which take their part of the feed."""
+    def _mapper(self, load: float) -> ExactCompensationMapper | AdditiveCompensationMapper:
+        """For so many valves stuck open, or openings together, which take their part of the feed."""
         if load not in self._mappers:
             loss = self.spacecraft.feed.coupling * (np.arange(self._thrusters) + load)
             self._mappers[load] = self._compensation(

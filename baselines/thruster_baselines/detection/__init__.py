@@ -30,9 +30,11 @@ from thruster_baselines.detection.evaluate import (
     table,
 )
 from thruster_baselines.detection.evidence import EvidenceObservation, VectorEvidenceObservation
+from thruster_baselines.detection.fault_flights import FaultFlights
 from thruster_baselines.detection.filter_bank import FilterBank
 from thruster_baselines.detection.flights import Flights, FlightSource, RandomFlights
 from thruster_baselines.detection.glr import GLRDetector
+from thruster_baselines.detection.hypotheses import HypothesisDetector
 from thruster_baselines.detection.identification import (
     Identification,
     ModelComparison,
@@ -42,6 +44,7 @@ from thruster_baselines.detection.identification import (
 from thruster_baselines.detection.mismatch import MismatchMonitor, ModelMismatchWarning
 from thruster_baselines.detection.player import DetectorPlayer, PlayerDetector
 from thruster_baselines.detection.response import ResponseTest
+from thruster_baselines.detection.separability import inseparable_pairs
 from thruster_baselines.detection.settings import FilterSettings
 from thruster_baselines.detection.windowed_glr import WindowedGLR
 
@@ -58,6 +61,7 @@ __all__ = [
     "EstimatorThreshold",
     "Evaluation",
     "EvidenceObservation",
+    "FaultFlights",
     "FilterBank",
     "FilterSettings",
     "Firings",
@@ -65,6 +69,7 @@ __all__ = [
     "Flights",
     "GLRDetector",
     "GenericChiSquared",
+    "HypothesisDetector",
     "Identification",
     "Identifier",
     "Interval",
@@ -88,6 +93,7 @@ __all__ = [
     "chi_squared_threshold",
     "evaluate",
     "healthy_firings",
+    "inseparable_pairs",
     "largest_scaled_threshold",
     "least_squares_severity",
     "margin_threshold",

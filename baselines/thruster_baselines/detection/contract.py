@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thruster_envs import protocols
-from thruster_envs.protocols import Diagnosis, FloatArray
+from thruster_envs.protocols import BoolArray, Diagnosis, FloatArray
 
 __all__ = ["AnyDetector", "Detector", "Telemetry", "Verdict", "check_alone", "reader_of"]
 
@@ -48,6 +48,7 @@ class Telemetry(NamedTuple):
         voltage: (vehicles, pairs, samples), V, of those pulses; anything where there is none.
         current: (vehicles, pairs, samples), A, likewise.
         observation: (vehicles, size), of the environment at the end of the period.
+        velocity: (vehicles, 3), m/s, LVLH, measured.
     """
 
     duration: float
@@ -66,6 +67,7 @@ class Telemetry(NamedTuple):
     voltage: ArrayLike | None = None
     current: ArrayLike | None = None
     observation: NDArray[np.float32] | None = None
+    velocity: ArrayLike | None = None
 
     def need(self, name: str) -> Any:
         """A field that a detector cannot do without; `on_times` and `duties` follow from each other.
@@ -112,16 +114,23 @@ class Verdict(Diagnosis):
         kind: (vehicles,), kind of fault as in `thruster_envs.faults`; empty where the method cannot tell.
         mismatch: (vehicles,), the parameter of the model that does not fit
             (`thruster_baselines.detection.mismatch`); empty for none, or where nobody looks.
+        sensor: (vehicles,), the isolated sensor; empty where it is a thruster, or where it cannot be told.
+        candidates: (vehicles, n), thrusters of which none can be told from the isolated one by what was
+            seen so far; by default that one alone.
     """
 
     kind: tuple[str, ...] = ()
     mismatch: tuple[str, ...] = ()
+    sensor: tuple[str, ...] = ()
+    candidates: BoolArray | None = None
 
     def __post_init__(self) -> None:
-        if not self.kind:
-            object.__setattr__(self, "kind", ("",) * self.detected.size)
-        if not self.mismatch:
-            object.__setattr__(self, "mismatch", ("",) * self.detected.size)
+        for name in ("kind", "mismatch", "sensor"):
+            if not getattr(self, name):
+                object.__setattr__(self, name, ("",) * self.detected.size)
+        if self.candidates is None:
+            alone = np.arange(1, self.suspicion.shape[1] + 1) == self.thruster[:, np.newaxis]
+            object.__setattr__(self, "candidates", alone)
 
     @property
     def thruster_statistics(self) -> FloatArray:
