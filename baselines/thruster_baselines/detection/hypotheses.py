@@ -150,12 +150,13 @@ class HypothesisDetector(BaseDetector):
         *,
         valid: ArrayLike | None = None,
         age: ArrayLike | None = None,
+        turning: ArrayLike | None = None,
     ) -> Verdict:
         """Take in one interval; of telemetry with position, velocity, attitude and rate, these too."""
         self._seen = on_times if isinstance(on_times, Telemetry) else None
         if self._seen is not None and self._seen.rate is not None:
-            on_times = self._seen._replace(rate_change=self._in_mean_axes(self._seen))
-        return super().update(on_times, rate_change, duration, valid=valid, age=age)
+            on_times = self._seen._replace(rate_change=self._in_mean_axes(self._seen), turning=None)
+        return super().update(on_times, rate_change, duration, valid=valid, age=age, turning=turning)
 
     def _in_mean_axes(self, seen: Telemetry) -> FloatArray:
         """The rate change with its translation turned to the mean attitude while thrusters fired."""
@@ -214,9 +215,9 @@ class HypothesisDetector(BaseDetector):
         return Verdict(
             detected, thruster, statistic, self.time.copy(), np.maximum(self.log_factors[:, :n], 0.0),
             np.zeros((count, n)),
-            tuple(_KINDS[k] if one > 0 else "" for k, one in zip(kinds, thruster, strict=True)),
-            tuple(SENSORS[k - n] if there and k >= n else "" for k, there in zip(best, names, strict=True)),
-            near & detected[:, np.newaxis],
+            kind=tuple(_KINDS[k] if one > 0 else "" for k, one in zip(kinds, thruster, strict=True)),
+            sensor=tuple(SENSORS[k - n] if k >= n and sure else "" for k, sure in zip(best, names, strict=True)),
+            candidates=near & detected[:, np.newaxis],
         )  # fmt: skip
 
     def _evidence(self, interval: Interval) -> _Evidence:
