@@ -212,11 +212,12 @@ class HypothesisDetector(BaseDetector):
         thruster = np.where(names & (best < n), best + 1, 0)
         near = self.log_factors[:, :n] >= top[:, np.newaxis] - self._lead
         kinds = by_kind[:, rows, np.minimum(best, n - 1)].argmax(axis=0)
+        of_sensor = names & (best >= n)
         return Verdict(
             detected, thruster, statistic, self.time.copy(), np.maximum(self.log_factors[:, :n], 0.0),
             np.zeros((count, n)),
             kind=tuple(_KINDS[k] if one > 0 else "" for k, one in zip(kinds, thruster, strict=True)),
-            sensor=tuple(SENSORS[k - n] if k >= n and sure else "" for k, sure in zip(best, names, strict=True)),
+            sensor=tuple(SENSORS[k - n] if one else "" for k, one in zip(best, of_sensor, strict=True)),
             candidates=near & detected[:, np.newaxis],
         )  # fmt: skip
 
