@@ -373,9 +373,9 @@ def _about(effort: Effort) -> str:
         "intervals. Vehicles are those of the catalogue, with their minimum pulses, scatter and sensors. Not "
         "here: plasma thrusters and the chaser about Mars, whose detectors look at other signals (see the "
         "reproductions), wheels and gyros, and flights in closed loop. Test pulses make effects larger, so "
-        "that more flights count there: those tables are not paired with the ones without. How many candidates "
-        "there were is not counted: that column alone says little. No setting was chosen by a test seed that "
-        "is flown here."
+        "that more flights count there: those tables are not paired with the ones without. How many "
+        "candidates there were is not counted: that column alone says little. No setting was chosen by a "
+        "test seed that is flown here."
     )
 
 
