@@ -335,7 +335,7 @@ def test_every_form_gives_the_same_rewards(identifier):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", ["FormationKeeping", "OrionRendezvous", "MarsRendezvous"])
+@pytest.mark.parametrize("name", ["FormationKeeping", "OrionRendezvous"])
 def test_what_a_learner_finds_first_is_not_to_be_lost(name):
     """A short run on raw duties: it ends with longer flights than it began with, and no loss pays it."""
     stable_baselines3 = pytest.importorskip("stable_baselines3")
