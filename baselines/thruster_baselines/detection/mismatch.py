@@ -8,7 +8,8 @@ covariance Y are fitted by the signature s of each such parameter, by least squa
 
 and likewise by a loss and by thrust without command of each single thruster. The parameter that explains the
 most does not fit if for twenty intervals on end it explains more than any single thruster, leaves no more
-than errors explain, is sure, and is off by more than matters.
+than errors explain, is sure, is off by more than matters, and is off by the same in the first quarter to half
+of the intervals as in the others: a fault begins at some time, a wrong model has always been wrong.
 
 Left out: several parameters at once, parameters that change, vehicles behind a modulator, whose delays vary
 slowly.
@@ -27,7 +28,7 @@ PARAMETERS = ("feed coupling", "thrust of all", "mass", "inertia x", "inertia y"
 """What may not fit. It is off by so much: the coupling by a share of thrust per further thruster, the delay
 of all valves by s, the thrust by a share of what is believed, mass and inertia by one of what is true."""
 
-_SURE, _LEAD, _MORE, _LASTING, _LEFT = 30.0, 10.0, 1.2, 20, 1.1
+_SURE, _LEAD, _MORE, _LASTING, _LEFT, _SAME = 30.0, 10.0, 1.2, 20, 1.1, 9.0
 _MATTERS = (0.005, 0.01, 0.01, 0.02, 0.02, 0.02)  # of the delay: as a share of the interval
 _DELAY_MATTERS = 0.002
 
@@ -65,9 +66,12 @@ class MismatchMonitor:
             self._total: FloatArray = np.zeros(self._vehicles)
             self._degrees: FloatArray = np.zeros(self._vehicles)
             self._lasting: IntArray = np.zeros(self._vehicles, np.int64)
+            self._count: IntArray = np.zeros(self._vehicles, np.int64)
+            self._early, self._next = np.zeros((2, 2, self._vehicles, len(PARAMETERS)))  # along, square
         else:
             self._along[mask], self._square[mask], self._lasting[mask] = 0.0, 0.0, 0
-            self._total[mask], self._degrees[mask] = 0.0, 0.0
+            self._total[mask], self._degrees[mask], self._count[mask] = 0.0, 0.0, 0
+            self._early[:, mask], self._next[:, mask] = 0.0, 0.0
             self.estimate[mask], self.statistic[mask], self.deviation[mask] = 0.0, 0.0, np.inf
             self.parameter[mask] = -1
             return
@@ -83,6 +87,11 @@ class MismatchMonitor:
         self._degrees += residual.shape[1] * valid
         self._along += (signatures * residual).sum(axis=1) * valid[:, np.newaxis]
         self._square += np.square(signatures).sum(axis=1) * valid[:, np.newaxis]
+        self._count += valid
+        doubled = valid & (self._count & (self._count - 1) == 0)  # sums are kept at every power of two
+        self._early[:, doubled] = self._next[:, doubled]
+        for kept, sums in zip(self._next, (self._along, self._square), strict=True):
+            kept[doubled] = sums[doubled, : len(PARAMETERS)]
         self._conclude(interval.duration)
 
     def _conclude(self, duration: float) -> None:
@@ -100,8 +109,19 @@ class MismatchMonitor:
         off = np.abs(self.estimate[rows, best]) > matters
         fits_not = (most > np.maximum(_MORE * one + _LEAD, _SURE)) & off
         fits_not &= self._total - most <= _LEFT * self._degrees + 4.0 * np.sqrt(2.0 * self._degrees)
+        fits_not &= self._steady()[rows, best]
         self._lasting = np.where(fits_not, self._lasting + 1, 0)
         self.parameter: IntArray = np.where(self._lasting >= _LASTING, best, -1)
+
+    def _steady(self) -> BoolArray:
+        """(vehicles, parameters): whether early and late intervals agree; where one says nothing, they do."""
+        first = len(PARAMETERS)
+        (along, square), late = self._early, self._square[:, :first] - self._early[1]
+        known = (square > 0.0) & (late > 0.0)
+        square, late = np.where(known, square, 1.0), np.where(known, late, 1.0)
+        apart = along / square - (self._along[:, :first] - along) / late
+        same: BoolArray = (np.square(apart) <= _SAME * (1.0 / square + 1.0 / late)) | ~known
+        return same
 
     def names(self) -> tuple[str, ...]:
         """Of each vehicle, the parameter that does not fit; empty for none."""
