@@ -74,7 +74,7 @@ RECIPES: tuple[Recipe, ...] = (
     ),
     Recipe(
         variant=variant_of("MarsRendezvous-v1", "short"),
-        steps=500_000,
+        steps=250_000,
         ppo=PPOSettings(rollout=75, exploration=0.3, scales=(1.0, 10.0)),
     ),
     Recipe(
@@ -84,7 +84,7 @@ RECIPES: tuple[Recipe, ...] = (
     ),
     Recipe(
         variant=variant_of("FormationAttitude-v1", "held"),
-        steps=250_000,
+        steps=100_000,
         ppo=PPOSettings(rollout=100, minibatch=512, epochs=6, worlds=64, discount=0.97, scales=(1.0, 3.0)),
     ),
     Recipe(
