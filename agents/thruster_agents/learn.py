@@ -41,6 +41,7 @@ class Options:
         episodes: Test episodes of each policy in each scenario.
         folder: Where policies and results are kept.
         results: Markdown page to write; the picture is written beside it.
+        learn: Whether to learn; without, what has been learnt so far is shown.
     """
 
     recipes: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -48,6 +49,7 @@ class Options:
     episodes: int = 100
     folder: str = "runs/first-hour"
     results: str | None = None
+    learn: bool = True
 
     def check(self) -> list[Recipe]:
         """The recipes that are meant.
@@ -81,6 +83,9 @@ def _run(arguments: list[str] | None) -> int:
         complain(PROGRAM, str(error))
         return 2
     console = Console()
+    if not results:
+        complain(PROGRAM, f"nothing has been learnt in {folder} yet")
+        return 2
     for result in results:
         console.print(table(result))
     if options.results is not None:
@@ -93,7 +98,7 @@ def command(options: Options) -> str:
     given = [
         f"--{one.name} {getattr(options, one.name)}"
         for one in dataclasses.fields(options)
-        if one.name != "recipes" and getattr(options, one.name) != one.default
+        if one.name not in ("recipes", "learn") and getattr(options, one.name) != one.default
     ]
     return " ".join([PROGRAM, *options.recipes, *given])
 
@@ -117,10 +122,12 @@ def learn_all(recipes: Sequence[Recipe], options: Options, folder: Path) -> list
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         for seed in range(options.seeds):
             for recipe in recipes:
-                found[recipe.key].append(_seed(recipe, seed, options.episodes, folder, progress))
+                if options.learn or (folder / recipe.key / f"seed-{seed}" / _DONE).exists():
+                    found[recipe.key].append(_seed(recipe, seed, options.episodes, folder, progress))
         return [
             Result(recipe, _yardsticks(recipe, options.episodes, folder), found[recipe.key])
             for recipe in recipes
+            if found[recipe.key]
         ]
 
 

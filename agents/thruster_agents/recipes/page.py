@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -18,7 +20,8 @@ from thruster_agents.recipes.recipes import Recipe
 __all__ = ["Result", "table", "write_page"]
 
 
-class Result(NamedTuple):
+@dataclass(frozen=True)
+class Result:
     """What came of a recipe.
 
     Attributes:
@@ -31,7 +34,7 @@ class Result(NamedTuple):
     yardsticks: Any
     seeds: Sequence[dict[str, Any]]
 
-    @property
+    @cached_property
     def rows(self) -> list[Row]:
         """The table, row by row."""
         return rows_of(self.recipe, self.yardsticks, [one["flown"] for one in self.seeds])
@@ -50,13 +53,17 @@ class Result(NamedTuple):
 
 
 def table(result: Result) -> Table:
-    """For the terminal."""
+    """For the terminal, means alone."""
     shown = Table(title=_title(result), box=SIMPLE_HEAD, title_justify="left")
     shown.add_column("method", no_wrap=True)
     for heading in _headings():
         shown.add_column(heading, justify="right")
     for row in result.rows:
-        shown.add_row(row.title, *_values(row), style="bold" if row.key == "ppo" else None)
+        shown.add_row(
+            row.title,
+            *(one.partition(" ")[0] for one in _values(row)),
+            style="bold" if row.key == "ppo" else None,
+        )
     return shown
 
 
