@@ -247,7 +247,8 @@ class Listener(event.Listener):
 event.register("numba:compile", Listener())
 import gymnasium as gym, thruster_envs
 from thruster_envs import formation_attitude_v1, formation_keeping_v1
-for id in [one for one in gym.registry if one.startswith("thruster_envs/")]:
+from thruster_envs.registration import ENVIRONMENTS
+for id in ENVIRONMENTS:
     env = gym.make(id)
     envs = gym.make_vec(id, num_envs=33, vectorization_mode="vector_entry_point")
     for one in (env, envs):
