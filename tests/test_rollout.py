@@ -41,7 +41,9 @@ def test_an_episode_is_what_a_loop_by_hand_sees(identifier):
         assert recording.time[k] == k * worlds.task.vehicle.control_period
         for name, value in entries(info):
             name = name.replace(".", "/")
-            if name != "is_success" and not name.startswith(("reward_terms", "cost")):
+            if name.startswith("state/"):  # of the commanded craft, where a recording has all of them
+                assert np.array_equal(np.atleast_2d(recording[name[6:]][k])[own], value), name
+            elif name != "is_success" and not name.startswith(("reward_terms", "cost")):
                 there = recording[name]
                 per = recording.channels[name].per
                 assert np.array_equal(there[0] if per == "episode" else there[k], value), name
