@@ -20,7 +20,7 @@ def test_its_examples_run_as_they_stand(tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(tmp_path)
     write_own_task(tmp_path)
     examples = [block for block in blocks() if not block.startswith(FIRST_LINE)]
-    assert len(examples) == 9
+    assert len(examples) == 10
     for block in examples:
         exec(compile(block, str(README), "exec"), {})  # the user's paste, each of them alone
     printed = capsys.readouterr().out
