@@ -99,8 +99,12 @@ class FaultFlights:
         test_threshold: Of a `HypothesisDetector` that watches in flight: from its alarm on, while several
             thrusters come into question, the two likeliest fire a test pulse in each period. 0 for none.
 
+    Raises:
+        ValueError: Onsets that are not within the flight.
+
     >>> from thruster_envs.spacecraft import load
-    >>> flights = FaultFlights(spacecraft=load("orion"), kind="leak", periods=20)(range(3), faulty=True)
+    >>> source = FaultFlights(spacecraft=load("orion"), kind="leak", onset=(5, 9), periods=20)
+    >>> flights = source(range(3), faulty=True)
     >>> flights.on_times.shape, flights.kind
     ((3, 20, 12), ('leak', 'leak', 'leak'))
     """
@@ -112,6 +116,12 @@ class FaultFlights:
     onset: tuple[int, int] = (15, 40)
     periods: int = 60
     test_threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.onset[0] <= self.onset[1] < self.periods:
+            raise ValueError(
+                f"onset must be within the {self.periods} periods, first to last, got {self.onset}"
+            )
 
     def __call__(self, seeds: Sequence[int], faulty: bool) -> SensedFlights:
         """One flight for each seed. A healthy and a faulty one of a seed are alike until the onset."""

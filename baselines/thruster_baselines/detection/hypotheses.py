@@ -109,7 +109,7 @@ class HypothesisDetector(BaseDetector):
         ValueError: A value that cannot be.
 
     >>> detector = HypothesisDetector("orion", threshold=15.0, coupling=0.0)
-    >>> told = np.tile(np.linspace(0.4, 1.0, 12), (3, 1))
+    >>> told = np.outer([1.0, 0.4, 2.0], np.linspace(0.4, 1.0, 12))
     >>> for on_times in told:
     ...     weak = on_times * np.where(np.arange(12) == 4, 0.2, 1.0)
     ...     verdict = detector.update(on_times, detector.filter.effectiveness[0] @ weak, 5.0)

@@ -164,8 +164,8 @@ class FaultDiagnosisEnv(TaskEnv):
     >>> env = gym.make("thruster_envs/FaultDiagnosis-v1", faults=[{"thruster": 3, "kind": "stuck_off"}])
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step([3, 0])
-    >>> info["score"], info["diagnosis"]["identified"], reward
-    (1.0, True, 0.0)
+    >>> info["score"], info["diagnosis"]["identified"], round(reward, 4)
+    (1.0, True, 0.0417)
 
     ## Version History
 
